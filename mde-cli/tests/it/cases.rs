@@ -1,11 +1,11 @@
 //! Cases as text: what a command line is refused with, in one line and without a file written; and odd inputs that work.
 //!
-//! `= CODE [@NEEDS] [[FILE]] COMMAND` begins a table, and each line after it is a case: `INPUT => WORD ; WORD`. The input takes the
+//! `= CODE [@MARK] [[FILE]] COMMAND` begins a table, and each line after it is a case: `INPUT => WORD ; WORD`. The input takes the
 //! place of `{}` in the command or comes after it; `{a|b}` stands for two cases. With `[name.ext]` the input is the content of a file
 //! that `{}` names; with `[folder/]` it is `FILE: CONTENT` in a copy of that folder, which `{}` names, and `{file}` the file. Escapes
 //! are those of Rust. Content that begins with `~` is made from that of the fixture of the same name: see [`edited`].
-//! `@leaves`: files may stay; `@prints`: it prints and writes nothing. The message has every word but `!WORD`, and the name of a
-//! case's file; of a command that works, what it prints has them.
+//! `@leaves`: files may stay; `@prints`: it prints and writes nothing; other marks: what is needed. The message has every word but
+//! `!WORD`, and the name of a case's file; of a command that works, what it prints has them.
 
 use crate::common::{Place, copy, names};
 use crate::fixtures;
@@ -35,91 +35,85 @@ struct Case {
 
 /// The cases of a text, whose files are written.
 fn parse(name: &str, text: &str, place: &Place) -> Vec<Case> {
-    let (mut cases, mut table) = (Vec::new(), None);
-    for (index, line) in
-        text.lines().enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
-    {
+    let (mut cases, mut table) = (Vec::new(), "");
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    for (index, line) in lines {
         if let Some(header) = line.strip_prefix("= ") {
-            table = Some(header);
+            table = header;
             continue;
         }
-        let (code, mut command) = table.unwrap().split_once(' ').unwrap_or((table.unwrap(), ""));
-        let (mut here, mut leaves, mut prints, mut file) = (true, false, false, None);
-        while let Some((mark, rest)) =
-            command.strip_prefix('@').map(|rest| rest.split_once(' ').unwrap_or((rest, "")))
-        {
-            match mark {
-                "leaves" => leaves = true,
-                "prints" => prints = true,
-                "onnx" => here &= cfg!(feature = "onnx"),
-                "no-onnx" => here &= !cfg!(feature = "onnx"),
-                "onnxruntime" => here &= cfg!(feature = "onnxruntime"),
-                "linux" => here &= cfg!(target_os = "linux"),
-                _ => panic!("@{mark}"),
-            }
+        let (code, mut command) = table.split_once(' ').unwrap_or((table, ""));
+        let mut marks = Vec::new();
+        while let Some(marked) = command.strip_prefix('@') {
+            let (mark, rest) = marked.split_once(' ').unwrap_or((marked, ""));
+            marks.push(mark);
             command = rest;
         }
-        if let Some((spec, rest)) = command.strip_prefix('[').and_then(|rest| rest.split_once("] ")) {
-            (file, command) = (Some(spec), rest);
+        let here = marks.iter().all(|mark| match *mark {
+            "leaves" | "prints" => true,
+            "onnx" => cfg!(feature = "onnx"),
+            "no-onnx" => !cfg!(feature = "onnx"),
+            "onnxruntime" => cfg!(feature = "onnxruntime"),
+            "linux" => cfg!(target_os = "linux"),
+            _ => panic!("@{mark}"),
+        });
+        if !here {
+            continue;
         }
-        let (input, told) = line.split_once(" =>").unwrap_or((line, ""));
-        let mut told: Vec<String> =
-            told.trim().split(" ; ").filter(|word| !word.is_empty()).map(str::to_owned).collect();
-        let number = format!("{name}-{}", index + 1);
-        let command = match file {
-            Some(spec) if here => {
-                let (path, word, file) = written(place, spec, input, &number);
-                let inside = input
-                    .split_once(": ")
-                    .filter(|(name, _)| command.contains("{file}") && !name.contains('\\'));
-                told.extend(word.or_else(|| Some(inside?.0.to_owned())).filter(|_| code != "0"));
-                command.replace("{file}", &file).replace("{}", &path)
-            }
-            None if command.contains("{}") => command.replace("{}", input),
-            _ => format!("{command} {input}"),
-        };
-        for arguments in expanded(&command).into_iter().filter(|_| here) {
-            let arguments =
-                arguments.split_whitespace().map(|one| String::from_utf8(unescaped(one)).unwrap()).collect();
+        let at = format!("{name}-{}", index + 1);
+        let (input, words) = line.split_once(" =>").unwrap_or((line, ""));
+        let words = words.trim().split(" ; ").filter(|word| !word.is_empty());
+        let mut told: Vec<String> = words.map(str::to_owned).collect();
+        let command =
+            if let Some((spec, rest)) = command.strip_prefix('[').and_then(|rest| rest.split_once("] ")) {
+                let [made, file] = written(place, spec, input, &at);
+                if code != "0" && !file.contains('\\') && (made == file || rest.contains("{file}")) {
+                    told.push(file.clone());
+                }
+                rest.replace("{file}", &file).replace("{}", &made)
+            } else if command.contains("{}") {
+                command.replace("{}", input)
+            } else {
+                format!("{command} {input}")
+            };
+        for command in expanded(&command) {
+            let arguments = command.split_whitespace().map(|one| String::from_utf8(unescaped(one)).unwrap());
             cases.push(Case {
-                at: number.clone(),
-                arguments,
+                at: at.clone(),
+                arguments: arguments.collect(),
                 code: code.parse().unwrap(),
                 told: told.clone(),
-                leaves,
-                prints,
+                leaves: marks.contains(&"leaves"),
+                prints: marks.contains(&"prints"),
             });
         }
     }
     cases
 }
 
-/// The name for `{}` and `{file}` of what is written, and what the message must contain of it.
-fn written(place: &Place, spec: &str, input: &str, number: &str) -> (String, Option<String>, String) {
-    if let Some(folder) = spec.strip_suffix('/') {
-        let (name, content) = input.split_once(": ").unwrap_or((input.trim_end_matches(':'), ""));
-        let inside = String::from_utf8(unescaped(name)).unwrap();
-        let target = format!("{folder}-{number}");
-        if place.path(folder).is_dir() {
-            copy(&place.path(folder), &place.path(&target));
-        }
-        let file = place.path(&target).join(&inside);
-        fs::create_dir_all(file.parent().unwrap()).unwrap();
-        match edited(place, &format!("{folder}/{inside}"), content) {
-            Some(bytes) => fs::write(&file, bytes).unwrap(),
-            None => fs::remove_file(&file).unwrap(),
-        }
-        (target.clone(), None, format!("{target}/{name}"))
-    } else {
+/// The names for `{}` and `{file}` of what is written.
+fn written(place: &Place, spec: &str, input: &str, at: &str) -> [String; 2] {
+    let Some(folder) = spec.strip_suffix('/') else {
         let (stem, extension) = spec.split_once('.').unwrap();
-        let file = format!("{stem}-{number}.{extension}");
+        let file = format!("{stem}-{at}.{extension}");
         place.write(&file, edited(place, spec, input).unwrap());
-        (file.clone(), Some(file.clone()), file)
+        return [file.clone(), file];
+    };
+    let (name, content) = input.split_once(": ").unwrap_or((input.trim_end_matches(':'), ""));
+    let inside = String::from_utf8(unescaped(name)).unwrap();
+    let made = format!("{folder}-{at}");
+    if place.has(folder) {
+        copy(&place.path(folder), &place.path(&made));
     }
+    match edited(place, &format!("{folder}/{inside}"), content) {
+        Some(bytes) => place.write(&format!("{made}/{inside}"), bytes),
+        None => fs::remove_file(place.path(&made).join(&inside)).unwrap(),
+    }
+    [made.clone(), format!("{made}/{name}")]
 }
 
 /// Each `{a|b}` replaced by `a` and by `b`.
-fn expanded(text: &str) -> Vec<String> {
+pub(crate) fn expanded(text: &str) -> Vec<String> {
     let group = text.find('{').and_then(|start| Some((start, start + text[start..].find('}')?)));
     let Some((start, end)) = group else { return vec![text.to_owned()] };
     let each = text[start + 1..end].split('|');
@@ -130,18 +124,15 @@ fn unescaped(text: &str) -> Vec<u8> {
     let (mut bytes, mut rest) = (Vec::new(), text);
     while let Some((before, after)) = rest.split_once('\\') {
         bytes.extend(before.as_bytes());
-        let mut used = 1;
-        match after.as_bytes()[0] {
-            b'n' => bytes.push(b'\n'),
-            b'r' => bytes.push(b'\r'),
-            b't' => bytes.push(b'\t'),
-            b'0' => bytes.push(0),
-            b'x' => {
-                bytes.push(u8::from_str_radix(&after[1..3], 16).unwrap());
-                used = 3;
-            }
-            other => bytes.push(other),
-        }
+        let (byte, used) = match after.as_bytes()[0] {
+            b'n' => (b'\n', 1),
+            b'r' => (b'\r', 1),
+            b't' => (b'\t', 1),
+            b'0' => (0, 1),
+            b'x' => (u8::from_str_radix(&after[1..3], 16).unwrap(), 3),
+            other => (other, 1),
+        };
+        bytes.push(byte);
         rest = &after[used..];
     }
     bytes.extend(rest.as_bytes());
@@ -151,9 +142,10 @@ fn unescaped(text: &str) -> Vec<u8> {
 /// The content of a case's file; nothing: there is none.
 ///
 /// `~A ~B` changes that of the fixture `path`: `of FILE` takes another; `cut N`, `cut -N`, `cut N%` keep the first bytes; `put AT VALUE`
-/// overwrites, with an escaped text or `u32:3`, `u64:3`, `f64:nan`; `xor AT`; `add TEXT`, `pad N` with zeros; `sub A -> B`; `drop LINE` of
-/// a text; `json POINTER VALUE` and `field POINTER VALUE` in JSON and in the record of a saved field; `npy HEADER` before the values of a map; `png AT VALUE` in a PNG's header; `repeat N TEXT`; `none`.
-fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
+/// overwrites, and `add VALUE ...` appends, escaped text or `u32:3`, `u64:3`, `f64:nan`, of which `9*VALUE` are nine; `sub A -> B` in a
+/// text; `json POINTER VALUE` and `field POINTER VALUE` in JSON and in the record of a saved field; `npy HEADER` of a map; `png AT VALUE`
+/// in a PNG's header; `none`.
+pub(crate) fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
     let Some(edits) = text.strip_prefix('~') else { return Some(unescaped(text)) };
     let mut bytes = fs::read(place.path(path)).unwrap_or_default();
     for edit in edits.split(" ~") {
@@ -165,7 +157,7 @@ fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
         };
         match what {
             "none" => return None,
-            "of" => bytes = fs::read(place.path(rest)).unwrap(),
+            "of" => bytes = place.bytes(rest),
             "cut" => {
                 let length = at(rest);
                 bytes.truncate(length);
@@ -179,25 +171,13 @@ fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
                     bytes[29..33].copy_from_slice(&checksum);
                 }
             }
-            "xor" => {
-                let at = at(rest);
-                bytes[at] ^= 0x55;
-            }
-            "pad" => bytes.resize(rest.parse().unwrap(), 0),
-            "add" => bytes.extend(unescaped(rest)),
-            "repeat" => {
-                let (count, text) = rest.split_once(' ').unwrap();
-                bytes = unescaped(text).repeat(count.parse().unwrap());
-            }
+            "add" => bytes.extend(rest.split(' ').flat_map(typed)),
             "sub" => bytes = replaced(&bytes, rest),
-            "drop" | "json" => {
-                let text = String::from_utf8(bytes).unwrap();
-                let kept = text.lines().filter(|line| !line.starts_with(rest));
-                let changed =
-                    if what == "drop" { kept.collect::<Vec<_>>().join("\n") } else { pointed(&text, rest) };
-                bytes = changed.into_bytes();
+            "json" => bytes = pointed(std::str::from_utf8(&bytes).unwrap(), rest).into_bytes(),
+            "npy" => {
+                let length = (rest.len() as u16 + 1).to_le_bytes();
+                bytes = [b"\x93NUMPY\x01\x00", &length[..], rest.as_bytes(), b"\n"].concat();
             }
-            "npy" => bytes = fixtures::npy(rest, &fixtures::values()),
             "field" => {
                 let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
                 let (header, tensors) = bytes[8..].split_at(length);
@@ -211,10 +191,17 @@ fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
 }
 
 fn typed(text: &str) -> Vec<u8> {
+    let count = text.split_once('*').and_then(|(count, value)| Some((count.parse().ok()?, value)));
+    if let Some((count, value)) = count {
+        return typed(value).repeat(count);
+    }
     match text.split_once(':') {
+        Some(("u16", value)) => value.parse::<u16>().unwrap().to_le_bytes().to_vec(),
         Some(("u32", value)) => value.parse::<u32>().unwrap().to_le_bytes().to_vec(),
         Some(("be32", value)) => value.parse::<u32>().unwrap().to_be_bytes().to_vec(),
         Some(("u64", value)) => value.parse::<u64>().unwrap().to_le_bytes().to_vec(),
+        Some(("f32", value)) => value.parse::<f32>().unwrap().to_le_bytes().to_vec(),
+        Some(("bef32", value)) => value.parse::<f32>().unwrap().to_be_bytes().to_vec(),
         Some(("f64", value)) => value.parse::<f64>().unwrap().to_le_bytes().to_vec(),
         _ => unescaped(text),
     }
@@ -244,23 +231,19 @@ fn pointed(text: &str, change: &str) -> String {
     value.to_string().replace(&format!("\"{MARK}\""), to)
 }
 
-/// The header of a saved field with a value of its record, and no checksum, as in older files.
+/// The header of a saved field with a value of its record.
 fn with_field(header: &str, change: &str) -> String {
     let mut outer: Value = serde_json::from_str(header).unwrap();
     let record = &mut outer["__metadata__"]["mde-nerf"];
-    let (pointer, to) = change.split_once(' ').unwrap();
-    let mut inner: Value = serde_json::from_str(record.as_str().unwrap()).unwrap();
-    *inner.pointer_mut(pointer).unwrap() = serde_json::from_str(to).unwrap();
-    // Of the text with zeros in its place.
-    inner["header_checksum"] = json!("00000000");
-    let text = inner.to_string();
+    // The checksum is of the text with zeros in its place.
+    let text = pointed(&pointed(record.as_str().unwrap(), change), "/header_checksum \"00000000\"");
     let checksum = format!("header_checksum\":\"{:08x}", crc32fast::hash(text.as_bytes()));
     *record = json!(text.replace("header_checksum\":\"00000000", &checksum));
     outer.to_string()
 }
 
 /// Runs the cases side by side and fails with all that went wrong; the number of those that are refused.
-pub(crate) fn check(place: &Place, texts: &[(&str, &str)], seconds: u64) -> usize {
+fn check(place: &Place, texts: &[(&str, &str)], seconds: u64) -> usize {
     let wanted = std::env::var("MDE_CASES").unwrap_or_default();
     let cases: Vec<Case> = texts
         .iter()
@@ -274,11 +257,8 @@ pub(crate) fn check(place: &Place, texts: &[(&str, &str)], seconds: u64) -> usiz
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::SeqCst)) {
                     if let Err(fault) = run(case, place, seconds) {
-                        faults.lock().unwrap().push(format!(
-                            "{}: {:?}\n    {fault}",
-                            case.at,
-                            case.arguments.join(" ")
-                        ));
+                        let command = case.arguments.join(" ");
+                        faults.lock().unwrap().push(format!("{}: {command:?}\n    {fault}", case.at));
                     }
                 }
             });
@@ -377,7 +357,12 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, (u64, SystemTime)> {
 /// As many as docs/reliability.md states. `MDE_CASES=maps-12` runs those whose place contains that.
 #[test]
 fn more_than_seven_hundred_inputs_are_refused_and_odd_ones_work() {
+    let place = fixtures::place();
     let texts = texts!["usage" "photographs" "maps" "cameras" "captures" "settings" "records" "networks" "evaluations" "places" "memory"];
-    let refused = check(&fixtures::place(), &texts, 100);
+    let refused = check(&place, &texts, 100);
     assert!(refused > 700, "{refused}");
+    // Folders that are not ours, inputs without an end, names with control characters, numbers that no camera has.
+    if cfg!(unix) {
+        check(&place, &texts!["attacks"], 20);
+    }
 }

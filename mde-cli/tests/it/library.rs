@@ -1,12 +1,10 @@
-//! The loop as a library: settings that take no time, a procedural room with its priors, and the calls that the tests make.
+//! The loop as a library: settings that take no time, and a procedural room with its priors.
 
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
-use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
 use mde_cli::scene::camera::{CameraSource, KnownCamera};
 use mde_cli::scene::{Photograph, Scene};
-use mde_cli::several::prepared::PreparedScene;
-use mde_cli::{Config, Event, Preset, Refinement, Stages};
+use mde_cli::{Config, Event, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use std::ops::ControlFlow;
@@ -105,37 +103,4 @@ pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
 /// Goes on at every event.
 pub(crate) fn go_on(_: &Event) -> ControlFlow<()> {
     ControlFlow::Continue(())
-}
-
-/// One photograph through the library.
-pub(crate) fn refine(
-    (image, camera): (ArrayView3<'_, f32>, &PinholeCamera),
-    stages: Stages<'_>,
-    config: &Config,
-    watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
-) -> mde_cli::Result<Refinement> {
-    mde_cli::refine(image, camera, stages, config, &mut |event: &Event| watch(event))
-}
-
-/// Several photographs through the library.
-pub(crate) fn refine_several(
-    scene: &Scene,
-    stages: Stages<'_>,
-    config: &Config,
-    watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
-) -> mde_cli::Result<Refinement> {
-    mde_cli::refine_several(scene, stages, config, &mut |event: &Event| watch(event))
-}
-
-/// What the photographs share, made once.
-pub(crate) fn prepare<'a>(scene: &'a Scene, prior: &Known, config: &'a Config) -> PreparedScene<'a> {
-    PreparedScene::new(scene, &Stages::new(prior), config, &mut go_on).unwrap()
-}
-
-pub(crate) fn refine_prepared(
-    prepared: &mut PreparedScene<'_>,
-    index: usize,
-    prior: &Known,
-) -> mde_cli::Result<Refinement> {
-    prepared.refine(index, Stages::new(prior), &mut go_on)
 }

@@ -1,27 +1,23 @@
 //! Properties of the whole loop for arbitrary inputs.
 
-use crate::library::{config, go_on, refine};
+use crate::library::{config, go_on};
 use mde_cli::mde_nerf::{self, FieldCallback, FieldConfig, FitReport, RadianceField, RenderedView};
-use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
+use mde_cli::mde_prior::{DepthKind, FilePrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::{Config, Preset, Refinement, Stages};
-use ndarray::{Array2, Array3, ArrayView3, Axis, Zip, s};
+use mde_cli::{Config, Preset, Refinement, Stages, refine};
+use ndarray::{Array2, Array3, Axis, Zip, s};
 use proptest::prelude::*;
 
-struct Known(Array2<f32>);
-
-impl DepthPrior for Known {
-    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        PriorDepth::from_values(self.0.clone(), DepthKind::Metric)
-    }
+/// As from a file.
+fn map(depth: &Array2<f32>) -> FilePrior {
+    FilePrior::of_map("prior.npy", PriorDepth::from_values(depth.clone(), DepthKind::Metric).unwrap())
 }
 
 fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::Result<Refinement> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
-    let known = Known(prior.clone());
-    refine((image.view(), &camera), Stages::new(&known), config, &mut go_on)
+    refine(image.view(), &camera, Stages::new(&map(prior)), config, &mut go_on)
 }
 
 /// Every known depth is positive and finite with a finite variance; the others are missing.
@@ -186,10 +182,10 @@ fn a_mirrored_image_gives_the_mirrored_result() {
         (config.views.count, config.novel.count) = (0, 0);
         let run = |image: &Array3<f32>, prior: &Array2<f32>, seed: u64| {
             let camera = PinholeCamera::from_fov(60.0, prior.ncols(), prior.nrows()).unwrap();
-            let known = Known(prior.clone());
-            let stages = Stages::new(&known).with_field(|_| Ok(Box::new(Tinted::default())));
+            let prior = map(prior);
+            let stages = Stages::new(&prior).with_field(|_| Ok(Box::new(Tinted::default())));
             let config = Config { seed, ..config.clone() };
-            refine((image.view(), &camera), stages, &config, &mut go_on).unwrap()
+            refine(image.view(), &camera, stages, &config, &mut go_on).unwrap()
         };
         let one = run(&image, &prior, 0);
         assert!(one.depth == run(&image, &prior, 1).depth, "{preset:?}: the seed has an influence");

@@ -8,18 +8,12 @@ mod pipeline;
 mod processors;
 mod several;
 
-#[cfg(all(feature = "program", unix))]
-mod attacks;
 #[cfg(feature = "program")]
 mod capture;
 #[cfg(feature = "program")]
 mod cases;
 #[cfg(feature = "program")]
 mod common;
-#[cfg(feature = "program")]
-mod content;
-#[cfg(feature = "program")]
-mod error_bars;
 #[cfg(feature = "program")]
 mod evaluation;
 #[cfg(feature = "program")]
@@ -31,11 +25,7 @@ mod many;
 #[cfg(feature = "program")]
 mod outputs;
 #[cfg(feature = "program")]
-mod report;
-#[cfg(feature = "program")]
 mod resources;
-#[cfg(all(feature = "program", feature = "onnx"))]
-mod same_bytes;
 #[cfg(all(feature = "program", target_os = "linux"))]
 mod surroundings;
 #[cfg(feature = "program")]

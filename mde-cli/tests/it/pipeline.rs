@@ -1,13 +1,13 @@
 //! The loop over stages that this workspace has never heard of.
 
-use crate::library::{HEIGHT, TINY, WIDTH, config, go_on, refine};
+use crate::library::{HEIGHT, TINY, WIDTH, config, go_on};
 use mde_cli::config::{IterationPrior, Order, RefinementConfig};
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::{Config, Error, Event, Preset, Refinement, Stage, Stages};
+use mde_cli::{Config, Error, Event, Preset, Refinement, Stage, Stages, refine};
 use mde_eval::scene::{Room, Scene, room};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};
@@ -75,10 +75,6 @@ fn short() -> Config {
     config
 }
 
-fn scene<'a>() -> (ArrayView3<'a, f32>, &'a PinholeCamera) {
-    (SCENE.image.view(), &SCENE.camera)
-}
-
 /// Runs the foreign stages; the callback stops the `stop`-th event.
 fn with_wall(
     config: &Config,
@@ -92,7 +88,7 @@ fn with_wall(
         if events.len() == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let stages = Stages::new(&*PRIOR).with_field(|_| Ok(Box::new(Wall(log.clone())))).with_fuser(fuser);
-    let result = refine(scene(), stages, config, &mut observe);
+    let result = refine(SCENE.image.view(), &SCENE.camera, stages, config, &mut observe);
     let log = log.lock().unwrap().clone();
     (result, log, events)
 }
@@ -151,7 +147,7 @@ fn a_prior_of_another_size_and_a_field_that_fails_are_errors() {
     let run = |prior: &dyn DepthPrior| {
         let stages =
             Stages::new(prior).with_field(|_| Err(mde_nerf::Error::NotFitted.into())).with_fuser(&fuser);
-        refine(scene(), stages, &short(), &mut go_on).map(|_| ())
+        refine(SCENE.image.view(), &SCENE.camera, stages, &short(), &mut go_on).map(|_| ())
     };
     assert!(matches!(run(&Small), Err(Error::Size { prior: [2, 3], image: [HEIGHT, WIDTH] })));
     assert!(matches!(run(&*PRIOR), Err(Error::Field(mde_nerf::Error::NotFitted))));
@@ -188,7 +184,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
         };
         let fuser = HalfWay::default();
         let stages = Stages::new(prior).with_field(|_| panic!("a field was made")).with_fuser(&fuser);
-        let refined = refine(scene(), stages, config, &mut listen).unwrap();
+        let refined = refine(SCENE.image.view(), &SCENE.camera, stages, config, &mut listen).unwrap();
         (refined, calls)
     };
     let model = Red(AtomicUsize::new(0));

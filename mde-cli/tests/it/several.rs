@@ -1,24 +1,19 @@
 //! Several photographs through the library: a procedural room with exact depth and poses.
 
-use crate::library::{Known, config, go_on, inputs, prepare, refine_prepared, refine_several, rendered};
+use crate::library::{Known, config, go_on, inputs, rendered};
 use mde_cli::config::Order;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::scene::known::KnownDepth;
 use mde_cli::scene::{Photograph, Scene};
-use mde_cli::{Config, Event, Preset, Refinement, Stages};
-use mde_eval::capture::Capture as Rendered;
+use mde_cli::several::prepared::PreparedScene;
+use mde_cli::{Config, Event, Preset, Refinement, Stages, refine_several};
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 
-const WIDTH: usize = 128;
-const HEIGHT: usize = 96;
-
-fn room(room: Room, views: usize) -> Rendered {
-    rendered(room, views, [WIDTH, HEIGHT])
-}
+const SIZE: [usize; 2] = [128, 96];
 
 fn run(capture: &Scene, prior: &Known, config: &Config) -> Refinement {
     refine_several(capture, Stages::new(prior), config, &mut go_on).unwrap()
@@ -38,7 +33,7 @@ fn ratio(a: &Array2<f32>, b: &Array2<f32>) -> f64 {
 /// As many rays per pixel as 700 steps have at 320x240, and a grid of that many cells.
 #[test]
 fn parallax_halves_the_typical_error_of_the_prior() {
-    let room = room(Room::Study, 4);
+    let room = rendered(Room::Study, 4, SIZE);
     let (capture, prior) = inputs(&room, true);
     let text = "nerf.train = { steps = 250, rays = 512 }\nnerf.field.finest = 128\n";
     let refined = run(&capture, &prior, &config(Preset::MultiView, text));
@@ -82,11 +77,11 @@ fn parallax_halves_the_typical_error_of_the_prior() {
     let before = placed(&refined).unwrap();
     let refined = refined.scaled(2.0, 0.0).unwrap();
     assert_eq!(placed(&refined), Some(2.0 * before));
-    let known: Vec<KnownDepth> = (0..WIDTH * HEIGHT)
-        .step_by(97)
-        .map(|i| (i % WIDTH, i / WIDTH))
-        .map(|(x, y)| (x, y, 3.0 * f64::from(refined.depth.mean()[(y, x)]) + 5.0))
-        .map(|(x, y, depth)| KnownDepth { x: x as f64, y: y as f64, depth, sigma: 0.0 })
+    let depth = refined.depth.mean();
+    let pixels = depth.indexed_iter().step_by(97);
+    let known: Vec<KnownDepth> = pixels
+        .map(|((y, x), z)| (x as f64, y as f64, 3.0 * f64::from(*z) + 5.0))
+        .map(|(x, y, depth)| KnownDepth { x, y, depth, sigma: 0.0 })
         .collect();
     let (refined, _) = refined.scaled_to(&known, false).unwrap();
     assert_eq!(placed(&refined), None);
@@ -123,7 +118,7 @@ fn photographs_that_do_not_fit_their_poses_are_left_out_by_name() {
 /// The scale between poses and prior is that of the points where there are some.
 #[test]
 fn points_of_the_capture_give_its_scale() {
-    let room = room(Room::Study, 3);
+    let room = rendered(Room::Study, 3, SIZE);
     let (mut capture, prior) = inputs(&room, true);
     let config = short("refinement.iterations = 0\n");
     let Photograph { camera, pose, .. } = capture.photographs[capture.reference].clone();
@@ -157,7 +152,7 @@ impl Fuser for FieldAlone {
 /// Eq. 10-17 in the printed order where the settings say so, or another fusion.
 #[test]
 fn the_printed_fusion_is_there_with_several_photographs() {
-    let (capture, prior) = inputs(&room(Room::Study, 3), true);
+    let (capture, prior) = inputs(&rendered(Room::Study, 3, SIZE), true);
     let text = "nerf.train = { steps = 100, rays = 256 }\nnerf.field.finest = 128\n";
     let mut config = config(Preset::MultiView, text);
     let usual = run(&capture, &prior, &config);
@@ -198,9 +193,12 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
     let (capture, prior) = inputs(&rendered(Room::Study, 4, [96, 72]), true);
     let config = short("multi-view.max-views = 3\n");
     let refine = |order: &[usize]| {
-        let mut prepared = prepare(&capture, &prior, &config);
-        assert!(refine_prepared(&mut prepared, capture.photographs.len(), &prior).is_err());
-        order.iter().map(|&index| refine_prepared(&mut prepared, index, &prior).unwrap()).collect::<Vec<_>>()
+        let mut prepared = PreparedScene::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
+        assert!(prepared.refine(capture.photographs.len(), Stages::new(&prior), &mut go_on).is_err());
+        order
+            .iter()
+            .map(|&index| prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap())
+            .collect::<Vec<_>>()
     };
     let (forth, back) = (refine(&[0, 1, 3]), refine(&[3, 1, 0]));
     for (one, other) in forth.iter().zip(back.iter().rev()) {
@@ -219,9 +217,9 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
 fn used_and_withheld_photographs_are_what_they_are_called() {
     let (capture, prior) = inputs(&rendered(Room::Study, 7, [96, 72]), true);
     let config = short("multi-view.max-views = 5\n");
-    let mut prepared = prepare(&capture, &prior, &config);
+    let mut prepared = PreparedScene::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
     for index in 0..capture.photographs.len() {
-        let report = refine_prepared(&mut prepared, index, &prior).unwrap().capture.unwrap();
+        let report = prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap().capture.unwrap();
         assert_eq!(report.fallback, None);
         for photograph in &report.photographs {
             let swept = photograph.verified.is_some();
@@ -238,9 +236,9 @@ fn used_and_withheld_photographs_are_what_they_are_called() {
 fn the_pose_of_the_reference_is_uncertain_to_the_others() {
     let (capture, prior) = inputs(&rendered(Room::Study, 2, [256, 192]), false);
     let config = short("");
-    let mut prepared = prepare(&capture, &prior, &config);
+    let mut prepared = PreparedScene::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
     let mut typical = |index: usize| {
-        let refined = refine_prepared(&mut prepared, index, &prior).unwrap();
+        let refined = prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap();
         assert_eq!(refined.capture.as_ref().unwrap().fallback, None);
         let poses = refined.components.iter().find(|part| part.name == "poses").unwrap();
         let relative = poses.sigma.iter().zip(refined.depth.mean()).filter(|(_, z)| **z > 0.0);
@@ -253,7 +251,7 @@ fn the_pose_of_the_reference_is_uncertain_to_the_others() {
 /// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
 #[test]
 fn any_number_of_threads_gives_the_same_bytes() {
-    let (capture, prior) = inputs(&room(Room::Study, 4), false);
+    let (capture, prior) = inputs(&rendered(Room::Study, 4, SIZE), false);
     let config = short("");
     let refine = |threads: usize, at_once: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
