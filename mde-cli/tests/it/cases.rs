@@ -9,16 +9,15 @@
 
 use crate::common::{Place, copy, names};
 use crate::fixtures;
+use anyhow::{Result, ensure};
 use assert_cmd::Command;
 use glob::glob;
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use rayon::prelude::*;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, SystemTime};
-use std::{fs, thread};
 
 macro_rules! texts {
     ($($name:literal)*) => { [$(($name, include_str!(concat!("cases/", $name, ".txt")))),*] };
@@ -251,36 +250,25 @@ fn check(place: &Place, texts: &[(&str, &str)], seconds: u64) -> usize {
         .filter(|case| case.at.contains(&wanted))
         .collect();
     let before = contents(&place.path("."));
-    let (next, faults) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    thread::scope(|scope| {
-        for _ in 0..thread::available_parallelism().map_or(2, usize::from) {
-            scope.spawn(|| {
-                while let Some(case) = cases.get(next.fetch_add(1, Ordering::SeqCst)) {
-                    if let Err(fault) = run(case, place, seconds) {
-                        let command = case.arguments.join(" ");
-                        faults.lock().unwrap().push(format!("{}: {command:?}\n    {fault}", case.at));
-                    }
-                }
-            });
-        }
-    });
-    let faults = faults.into_inner().unwrap();
+    let fault_of = |case: &Case| {
+        let fault = run(case, place, seconds).err()?;
+        Some(format!("{}: {:?}\n    {fault:#}", case.at, case.arguments.join(" ")))
+    };
+    let faults: Vec<String> = cases.par_iter().with_max_len(1).filter_map(fault_of).collect();
     assert!(faults.is_empty(), "{} of {}:\n{}", faults.len(), cases.len(), faults.join("\n"));
     assert!(contents(&place.path(".")) == before, "the inputs are not what they were");
     if wanted.is_empty() { cases.iter().filter(|case| case.code != 0).count() } else { usize::MAX }
 }
 
-fn run(case: &Case, place: &Place, seconds: u64) -> Result<(), String> {
-    let folder = tempfile::tempdir().unwrap();
+fn run(case: &Case, place: &Place, seconds: u64) -> Result<()> {
+    const MDE: &str = env!("CARGO_BIN_EXE_mde");
+    let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    let mut command = if cfg!(unix) {
+    let mut command = Command::new(if cfg!(unix) { "sh" } else { MDE });
+    if cfg!(unix) {
         // An input without an end takes no more than this.
-        let mut command = Command::new("sh");
-        command.args(["-c", "ulimit -v 16777216; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_mde")]);
-        command
-    } else {
-        Command::new(env!("CARGO_BIN_EXE_mde"))
-    };
+        command.args(["-c", "ulimit -v 16777216; exec \"$0\" \"$@\"", MDE]);
+    }
     command.current_dir(place.path(".")).args(&case.arguments);
     if case.code != 2 && !case.prints && !case.arguments.iter().any(|one| one == "-o") {
         command.arg("-o").arg(&out);
@@ -289,67 +277,66 @@ fn run(case: &Case, place: &Place, seconds: u64) -> Result<(), String> {
             command.arg("--quiet");
         }
     }
-    let output = command.timeout(Duration::from_secs(seconds)).output().map_err(|e| e.to_string())?;
+    let output = command.timeout(Duration::from_secs(seconds)).output()?;
     let [stdout, stderr] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes));
     let code = output.status.code();
     let message = stderr.trim_end();
-    expect(code == Some(case.code), || format!("exit code {code:?}: {message}"))?;
+    ensure!(code == Some(case.code), "exit code {code:?}: {message}");
     let printed =
         if case.prints || case.code == 0 { [&*stdout, message].concat() } else { message.to_owned() };
     for part in &case.told {
         let (wanted, part) = part.strip_prefix('!').map_or((true, part.as_str()), |part| (false, part));
-        expect(printed.contains(part) == wanted, || {
-            format!("{part:?} is not as it should be in: {printed}")
-        })?;
+        ensure!(printed.contains(part) == wanted, "{part:?} is not as it should be in: {printed}");
     }
     let raw = |text: &str| text.chars().any(|c| c.is_control() && c != '\n');
-    expect(!raw(&stdout) && !raw(&stderr), || format!("raw control characters: {stdout:?} {stderr:?}"))?;
+    ensure!(!raw(&stdout) && !raw(&stderr), "raw control characters: {stdout:?} {stderr:?}");
     match case.code {
-        0 if case.prints => {}
-        0 => return complete(&out),
-        // What did not fail is written.
-        3 => return expect(out.join("summary.json").is_file(), || "wrote no summary".into()),
+        0 if !case.prints => return complete(&out),
         1 => {
-            expect(message.starts_with("error: "), || message.to_owned())?;
-            expect(message.lines().count() == 1, || format!("more than a line: {message}"))?;
-            expect(message.len() <= 700, || format!("too long to read: {message}"))?;
-            expect(stdout.is_empty() || case.prints, || format!("on stdout: {stdout}"))?;
-            expect(!case.told.is_empty(), || "says nothing that is checked".into())?;
+            ensure!(message.starts_with("error: "), "{message}");
+            ensure!(message.lines().count() == 1, "more than a line: {message}");
+            ensure!(message.len() <= 700, "too long to read: {message}");
+            ensure!(stdout.is_empty() || case.prints, "on stdout: {stdout}");
+            ensure!(!case.told.is_empty(), "says nothing that is checked");
+        }
+        // What did not fail is written.
+        3 => {
+            ensure!(out.join("summary.json").is_file(), "wrote no summary");
+            return Ok(());
         }
         _ => {}
     }
-    expect(case.leaves || names(folder.path()).is_empty(), || format!("left {:?}", names(folder.path())))
-}
-
-fn expect(ok: bool, fault: impl FnOnce() -> String) -> Result<(), String> {
-    if ok { Ok(()) } else { Err(fault()) }
+    let left = names(folder.path());
+    ensure!(case.leaves || left.is_empty(), "left {left:?}");
+    Ok(())
 }
 
 /// A refinement's maps are there, of one size, and hold nothing that is no depth.
-fn complete(out: &Path) -> Result<(), String> {
+fn complete(out: &Path) -> Result<()> {
     if !out.join("depth.npy").is_file() {
         let recorded = out.join("run.json").is_file() || out.join("summary.json").is_file();
-        return expect(recorded, || "wrote no record".into());
+        ensure!(recorded, "wrote no record");
+        return Ok(());
     }
-    let map = |name: &str| {
-        read_values(out.join(name), &ReadOptions::default()).map_err(|error| format!("{name}: {error}"))
-    };
+    let map = |name: &str| read_values(out.join(name), &ReadOptions::default());
     let (depth, sigma) = (map("depth.npy")?, map("sigma.npy")?);
-    expect(depth.dim() == sigma.dim(), || "maps of two sizes".into())?;
+    ensure!(depth.dim() == sigma.dim(), "maps of two sizes");
     for (d, s) in depth.iter().zip(&sigma) {
         let known = d.is_finite() && *d > 0.0 && *s > 0.0 && s.is_finite();
-        expect(known || (*d == 0.0 && *s == f32::INFINITY), || format!("depth {d}, sigma {s}"))?;
+        ensure!(known || (*d == 0.0 && *s == f32::INFINITY), "depth {d}, sigma {s}");
     }
-    expect(depth.iter().any(|d| *d > 0.0), || "no depth at all".into())?;
-    expect(!names(out).iter().any(|name| name.starts_with('.')), || format!("left {:?}", names(out)))
+    ensure!(depth.iter().any(|d| *d > 0.0), "no depth at all");
+    let names = names(out);
+    ensure!(!names.iter().any(|name| name.starts_with('.')), "left {names:?}");
+    Ok(())
 }
 
 /// Everything below a folder with its length and the time of its last change.
-fn contents(folder: &Path) -> BTreeMap<PathBuf, (u64, SystemTime)> {
+fn contents(folder: &Path) -> Vec<(PathBuf, u64, SystemTime)> {
     let all = glob(&format!("{}/**/*", folder.display())).unwrap().map(Result::unwrap);
     let known = all.map(|path| {
         let metadata = fs::symlink_metadata(&path).unwrap();
-        (path, (if metadata.is_dir() { 0 } else { metadata.len() }, metadata.modified().unwrap()))
+        (path, if metadata.is_dir() { 0 } else { metadata.len() }, metadata.modified().unwrap())
     });
     known.collect()
 }

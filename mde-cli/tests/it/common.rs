@@ -35,8 +35,8 @@ impl Place {
         static SCENE: LazyLock<Scene> = LazyLock::new(|| room(Room::Study, 0, WIDTH, HEIGHT).unwrap());
         let place = Self { folder: tempfile::tempdir().unwrap(), scene: SCENE.clone() };
         write_image(place.path("image.png"), place.scene.image.view()).unwrap();
-        write_npy(place.path("depth.npy"), place.scene.depth.view()).unwrap();
-        place.write("tiny.toml", TINY);
+        place.save("depth.npy", &place.scene.depth);
+        place.write("tiny.toml", tiny(60, 2));
         place
     }
 
@@ -67,6 +67,11 @@ impl Place {
         self.json(&format!("{folder}/run.json"))
     }
 
+    pub(crate) fn save(&self, name: &str, map: &Array2<f32>) {
+        self.write(name, "");
+        write_npy(self.path(name), map.view()).unwrap();
+    }
+
     pub(crate) fn map(&self, name: &str) -> Array2<f32> {
         read_values(self.path(name), &ReadOptions::default()).unwrap()
     }
@@ -92,48 +97,40 @@ impl Place {
         command
     }
 
-    /// What it prints to stdout and stderr, with an exit code.
-    pub(crate) fn told(&self, arguments: &str, code: i32) -> [String; 2] {
-        let run = self.mde(arguments).assert().code(code);
-        let output = run.get_output();
-        [&output.stdout, &output.stderr].map(|bytes| String::from_utf8(bytes.clone()).unwrap())
+    /// What a run that succeeds prints.
+    pub(crate) fn run(&self, arguments: &str) -> String {
+        self.prints(arguments, 0, "")
     }
 
-    /// A run that succeeds, and its stderr.
-    pub(crate) fn run(&self, arguments: &str) -> String {
-        let [_, stderr] = self.told(arguments, 0);
-        stderr
+    /// A run with that exit code that prints these words, separated by ` ; `, but not those after `!`.
+    pub(crate) fn prints(&self, arguments: &str, code: i32, words: &str) -> String {
+        let run = self.mde(arguments).assert().code(code);
+        let printed = [&run.get_output().stdout[..], &run.get_output().stderr].concat();
+        let printed = String::from_utf8(printed).unwrap();
+        for word in words.split(" ; ") {
+            let (wanted, word) = word.strip_prefix('!').map_or((true, word), |word| (false, word));
+            assert_eq!(printed.contains(word), wanted, "{arguments}: {word:?} in {printed}");
+        }
+        printed
     }
 
     /// A run that ends with one line with these words, and makes no `out`.
-    pub(crate) fn refused(&self, arguments: &str, words: &[&str]) -> String {
-        let [stdout, stderr] = self.told(arguments, 1);
-        assert!(stdout.is_empty() && stderr.lines().count() == 1, "{arguments}: {stdout} {stderr}");
-        assert!(words.iter().all(|word| stderr.contains(word)), "{arguments}: {stderr}");
-        assert!(!self.has("out"), "{arguments}");
-        stderr
-    }
-
-    /// As a process of its own; what it prints is lost.
-    pub(crate) fn start(&self, arguments: &str) -> Child {
-        self.spawn(arguments, Stdio::null())
+    pub(crate) fn refused(&self, arguments: &str, words: &str) {
+        let printed = self.prints(arguments, 1, words);
+        assert!(printed.lines().count() == 1 && !self.has("out"), "{arguments}: {printed}");
     }
 
     /// As a process of its own, with the lines of its stderr.
-    pub(crate) fn follow(&self, arguments: &str) -> (Child, impl Iterator<Item = String> + use<>) {
-        let mut child = self.spawn(arguments, Stdio::piped());
-        let lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-        (child, lines)
-    }
-
-    fn spawn(&self, arguments: &str, stderr: Stdio) -> Child {
-        std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
+    pub(crate) fn start(&self, arguments: &str) -> (Child, impl Iterator<Item = String> + use<>) {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
             .current_dir(self.folder.path())
             .args(arguments.split_whitespace())
             .stdout(Stdio::null())
-            .stderr(stderr)
+            .stderr(Stdio::piped())
             .spawn()
-            .unwrap()
+            .unwrap();
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+        (child, lines)
     }
 
     /// The maps and pictures below a folder by their names; unfinished folders do not count.
@@ -169,7 +166,7 @@ impl Place {
             let jitter = (f64::from(moment) * 0.618_034).fract();
             let at = (f64::from(moment) + jitter) / f64::from(moments) * all as f64;
             let (out, signal) = (format!("out{moment}"), signals[moment as usize % signals.len()]);
-            let (mut child, mut lines) = self.follow(&format!("{command} --log-json -o {out}"));
+            let (mut child, mut lines) = self.start(&format!("{command} --log-json -o {out}"));
             lines.by_ref().take(at as usize).for_each(drop);
             sleep(between.mul_f64(at.fract()));
             send(&child, signal);
@@ -222,8 +219,8 @@ pub(crate) fn report_data(html: &str) -> Value {
 }
 
 /// How many photographs a run keeps.
-pub(crate) fn finished(told: &str) -> usize {
-    told.matches("finished before").count()
+pub(crate) fn finished(printed: &str) -> usize {
+    printed.matches(": finished before").count()
 }
 
 /// Names in a folder, sorted.
@@ -266,7 +263,7 @@ pub(crate) fn on_disk(room: &Rendered) -> Place {
     }
     place.write("transforms.json", transforms_json(&frames, &place.path(""), |_| Vec::new()));
     let prior = room.views[0].prior.as_ref().unwrap().to_depth(&DisparityRule::default()).unwrap();
-    write_npy(place.path("prior.npy"), prior.view()).unwrap();
+    place.save("prior.npy", &prior);
     place.write("quick.toml", "nerf.train = { steps = 40, rays = 128 }\nnerf.field.finest = 64\n");
     place.take(fixture("grey_nchw.onnx"), "grey.onnx");
     place

@@ -12,7 +12,7 @@ const SIGNALS: [&str; 4] = ["KILL", "TERM", "KILL", "QUIT"];
 #[test]
 fn a_refinement_killed_at_any_moment_leaves_old_or_new() {
     let place = Place::new();
-    place.write("tiny.toml", tiny(&[("iterations = 2", "iterations = 4"), ("steps = 60", "steps = 20")]));
+    place.write("tiny.toml", tiny(20, 4));
     place.run(&format!("{REFINE} --seed 7 -o old"));
     for moment in 0..12 {
         copy(&place.path("old"), &place.path(&format!("out{moment}")));
@@ -31,15 +31,16 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new() {
 fn an_interrupted_run_leaves_no_unfinished_files() {
     let place = Place::new();
     let unfinished = || place.entries().iter().any(|name| name.starts_with(".mde-"));
-    place.write("long.toml", tiny(&[("steps = 60", "steps = 1000000")]));
-    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 5")]));
+    place.write("long.toml", tiny(1000000, 2));
+    place.write("tiny.toml", tiny(5, 2));
     place.write("slow.toml", "width = 1024\nheight = 1024\noutput = 'metric'\n");
     place.take(fixture("slow.onnx"), "slow.onnx");
     let before = place.entries();
     for signal in ["INT", "TERM", "HUP", "QUIT"] {
         // A run may be finished before the signal arrives.
         let interrupted = (0..20).any(|_| {
-            let mut child = place.start(&format!("{REFINE} --export ply,glb,exr,colmap,sigma -o out"));
+            let (mut child, _lines) =
+                place.start(&format!("{REFINE} --export ply,glb,exr,colmap,sigma -o out"));
             while !unfinished() && child.try_wait().unwrap().is_none() {
                 sleep(Duration::from_millis(1));
             }
@@ -59,7 +60,7 @@ fn an_interrupted_run_leaves_no_unfinished_files() {
         #[cfg(feature = "onnx")]
         ("refine image.png --prior-model slow.onnx --fov 60", "\"prior\"", "INT"),
     ] {
-        let (mut child, mut lines) = place.follow(&format!("{run} --log-json -o a/b/out"));
+        let (mut child, mut lines) = place.start(&format!("{run} --log-json -o a/b/out"));
         assert!(lines.any(|line| line.contains(stage)), "{run}: no {stage}");
         sleep(Duration::from_millis(200));
         assert!(child.try_wait().unwrap().is_none(), "{run}: not slow");
@@ -74,7 +75,7 @@ fn an_interrupted_run_leaves_no_unfinished_files() {
 #[test]
 fn an_evaluation_killed_at_any_moment_resumes_to_the_same_bytes() {
     let place = Place::new();
-    place.write("short.toml", tiny(&[("steps = 60", "steps = 10"), ("iterations = 2", "iterations = 1")]));
+    place.write("short.toml", tiny(10, 1));
     let eval = "eval --dataset rooms --size 64x48 --limit 2 --methods guided,short.toml";
     place.kill_at_moments(eval, 12, &SIGNALS, |out, _| {
         let whole = place.maps("whole");

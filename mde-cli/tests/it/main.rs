@@ -2,10 +2,9 @@
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic)]
 
 mod library;
-mod loop_properties;
-mod pipeline;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 mod processors;
+mod refinement;
 mod several;
 
 #[cfg(feature = "program")]

@@ -1,7 +1,7 @@
 //! The files of a run: maps that agree with each other and with the record, its report, its error bars.
 
-use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, report_data, shared, tiny};
-use mde_cli::mde_prior::format::{ReadOptions, read_depth, write_depth, write_npy};
+use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, ratios, report_data, shared, tiny};
+use mde_cli::mde_prior::format::{ReadOptions, read_depth, write_depth};
 use mde_cli::refiner::calibration;
 use mde_cli::{Config, Preset};
 use mde_uncertainty::statistics::median;
@@ -51,9 +51,7 @@ fn check_outputs(place: &Place, folder: &str) -> Value {
 fn the_demo_of_one_photograph_is_scored_against_its_exact_depth() {
     let place = Place::new();
     let demo = "demo --preset default --size 64x48 --config tiny.toml --seed 3 -o a/demo";
-    let [said, told] = place.told(demo, 0);
-    assert!(said.contains("AbsRel") && said.contains("a/demo"), "{said}");
-    assert!(told.contains("iteration 2/2: fuse"), "{told}");
+    place.prints(demo, 0, "AbsRel ; a/demo ; iteration 2/2: fuse");
     let record = check_outputs(&place, "a/demo");
     assert_eq!(names(&place.path("a")), ["demo"]);
     assert_eq!(names(&place.path("a/demo")).join(" "), OUTPUTS.replace("image", "gt.npy image"));
@@ -70,7 +68,7 @@ fn the_demo_of_one_photograph_is_scored_against_its_exact_depth() {
 fn a_depth_png_is_read_back_in_its_unit() {
     let place = Place::new();
     let truth = &place.scene.depth;
-    write_npy(place.path("far.npy"), truth.mapv(|z| if z > 3.0 { 80.0 } else { z }).view()).unwrap();
+    place.save("far.npy", &truth.mapv(|z| if z > 3.0 { 80.0 } else { z }));
     let far = truth.iter().filter(|z| **z > 3.0).count();
     assert!(far > 0);
     // Of unknown scale once, of unknown scale again, with a word; far pixels are missing, and counted.
@@ -92,7 +90,7 @@ fn a_depth_png_is_read_back_in_its_unit() {
         assert!(written.iter().zip(&read).all(|(a, b)| (a - b).abs() <= 5.1e-4));
     }
     let confidence = "refine image.png --prior-depth a/confidence.png --fov 60 -o out";
-    place.refused(confidence, &["a confidence, not a depth"]);
+    place.refused(confidence, "a confidence, not a depth");
 }
 
 /// Nor does it depend on the number of threads, by the flag or the variable, or on whether it ran before.
@@ -104,9 +102,10 @@ fn a_refinement_does_not_depend_on_threads_or_on_the_prior_format() {
     }
     place.take(fixture("grey_nchw.onnx"), "grey.onnx");
     // Rows that no number of threads divides.
-    let odd = tiny(&[("rays = 128", "rays = 131"), ("steps = 60", "steps = 20")]);
-    let grids = "kind = 'hash'\nlevels = 4\nlog2-rows = 10\nfinest = 64\nwidth = 16";
-    place.write("mlp.toml", odd.replace(grids, "kind = 'mlp'\nlayers = 2\nwidth = 16"));
+    let odd = tiny(20, 2).replace("rays = 128", "rays = 131");
+    let grids = "kind = 'hash', levels = 4, log2-rows = 10, finest = 64";
+    assert!(odd.contains("131") && odd.contains(grids));
+    place.write("mlp.toml", odd.replace(grids, "kind = 'mlp', layers = 2"));
     place.write("tiny.toml", odd);
     for (run, rest) in [
         ("--prior-depth depth.npy --config tiny.toml --preset default", ""),
@@ -181,12 +180,12 @@ fn a_run_has_a_report_that_can_be_made_again() {
 
     let before = names(&place.path("made"));
     fs::remove_file(place.path("made/report.html")).unwrap();
-    let [said, _] = place.told("report made", 0);
-    assert!(said.contains("made/report.html") && place.text("made/report.html") == html, "{said}");
+    place.prints("report made", 0, "made/report.html");
+    assert!(place.text("made/report.html") == html);
     assert_eq!(names(&place.path("made")), before);
 
     fs::remove_file(place.path("made/image.png")).unwrap();
-    place.refused("report made", &["image.png", "run the refinement again"]);
+    place.refused("report made", "image.png ; run the refinement again");
 }
 
 #[test]
@@ -230,12 +229,11 @@ fn files_for_other_programs_are_written_where_asked_for_and_a_field_is_rendered(
 fn warped_views_come_with_masks_depths_and_poses() {
     let place = Place::new();
     let warp = "warp image.png --prior-depth depth.npy --fov 60 --config tiny.toml -o views";
-    let [said, _] = place.told(warp, 0);
-    assert!(said.contains("3 views"), "{said}");
+    place.prints(warp, 0, "3 views");
     for name in ["view_00.png", "view_03.png", "mask_03.png", "depth_03.npy", "contact.png", "run.json"] {
         assert!(place.has(&format!("views/{name}")), "{name}");
     }
-    place.refused("report views", &["views", "mde warp", "mde refine"]);
+    place.refused("report views", "views ; mde warp ; mde refine");
     let poses = place.json("views/poses.json");
     assert_eq!((poses.as_array().unwrap().len(), poses[0]["trainable"].as_f64()), (4, Some(1.0)));
     assert!((0.5..1.0).contains(&poses[1]["trainable"].as_f64().unwrap()));
@@ -245,7 +243,7 @@ fn warped_views_come_with_masks_depths_and_poses() {
 fn a_printed_preset_is_a_configuration() {
     let place = Place::new();
     for preset in Preset::ALL {
-        let [text, _] = place.told(&format!("config --preset {}", preset.name()), 0);
+        let text = place.run(&format!("config --preset {}", preset.name()));
         assert_eq!(Config::with_overrides(Preset::Paper, &text, "stdout").unwrap(), preset.config());
     }
 }
@@ -255,8 +253,8 @@ fn an_output_has_a_name_without_o() {
     let place = Place::new();
     place.run(&format!("{KEPT} -q"));
     place.run("eval --dataset rooms --size 64x48 --limit 1 --methods guided -q");
-    let told = "image-depth: the folder exists; give another name to -o";
-    place.refused(&format!("{KEPT} -q"), &[told]);
+    let exists = "image-depth: the folder exists; give another name to -o";
+    place.refused(&format!("{KEPT} -q"), exists);
     assert!(place.has("image-depth") && place.has("rooms-eval"));
 }
 
@@ -272,8 +270,7 @@ fn a_large_photograph_is_refined_at_the_work_size() {
     };
     let ((large, own), (small, reduced)) = (run("own", ""), run("small", "--work-size 0.0005"));
     assert!(!large && small);
-    let off = own.iter().zip(&reduced).map(|(a, b)| f64::from((a / b).ln().abs())).sum::<f64>();
-    let off = off / own.len() as f64;
+    let off = ratios(own.view(), &reduced).map(|ratio| ratio.ln().abs()).sum::<f64>() / own.len() as f64;
     assert!(off > 0.0 && off < 0.05, "{off}");
 }
 
@@ -282,7 +279,7 @@ fn a_large_photograph_is_refined_at_the_work_size() {
 fn known_depths_give_the_scale() {
     let place = Place::new();
     let truth = &place.scene.depth;
-    write_npy(place.path("disparity.npy"), truth.mapv(|z| 3.0 / z + 0.4).view()).unwrap();
+    place.save("disparity.npy", &truth.mapv(|z| 3.0 / z + 0.4));
     let rows: Vec<String> =
         truth.indexed_iter().step_by(157).map(|((y, x), z)| format!("{x},{y},{z}")).collect();
     place.write("known.csv", format!("x,y,depth\n{}\n", rows.join("\n")));
@@ -291,7 +288,7 @@ fn known_depths_give_the_scale() {
     place.run(&format!("{refine} --scale-from known.csv --export sigma -o scaled"));
     let error = |out: &str| {
         let depth = place.map(&format!("{out}/depth.npy"));
-        median(depth.iter().zip(truth).map(|(a, b)| f64::from((a / b - 1.0).abs()))).unwrap()
+        median(ratios(depth.view(), truth).map(|ratio| (ratio - 1.0).abs())).unwrap()
     };
     assert!(error("assumed") > 0.05 && error("scaled") < 0.01, "{} {}", error("assumed"), error("scaled"));
     let record = place.record("scaled");
@@ -307,7 +304,7 @@ fn a_networks_camera_and_error_are_used() {
     let place = Place::new();
     place.take(fixture("unidepth.onnx"), "net.onnx");
     let refine = "refine image.png --prior-model net.onnx --runtime tract --export sigma";
-    let [said, _] = place.told(&format!("{refine} -o own"), 0);
+    let said = place.run(&format!("{refine} -o own"));
     place.run(&format!("{refine} --fov 60 -o given"));
     let (own, given) = (place.record("own"), place.record("given"));
     assert!(own["camera"]["source"] == "network" && given["camera"]["source"]["field-of-view"] == 60.0);
@@ -334,7 +331,7 @@ fn a_networks_camera_and_error_are_used() {
 #[test]
 fn what_was_learned_scales_sigma_and_makes_the_interval() {
     let place = Place::new();
-    assert!(place.run(LEARN).contains("on held-out scenes"));
+    place.prints(LEARN, 0, "on held-out scenes");
     for file in ["calibration.toml", "scenes.csv", "summary.json", "report.html"] {
         assert!(place.has(&format!("learned/{file}")), "{file}");
     }
@@ -343,10 +340,9 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
 
     place.run(&format!("{REFINE} -o plain"));
     let options = "--calibration learned/calibration.toml --interval 0.8";
-    let [said, told] = place.told(&format!("{REFINE} {options} -o scaled"), 0);
-    assert!(told.contains("other settings"), "{told}");
-    assert!(said.contains("lower.npy and upper.npy: 80 % interval, the depth -+ "), "{said}");
-    assert!(said.contains(" sigma, by learned/calibration.toml"), "{said}");
+    let words = "other settings ; lower.npy and upper.npy: 80 % interval, the depth -+  ; \
+                 sigma, by learned/calibration.toml";
+    place.prints(&format!("{REFINE} {options} -o scaled"), 0, words);
     let factor = calibration.intervals().unwrap().factor(0.9).unwrap() as f32;
     let half_width = calibration.intervals().unwrap().half_width(0.8).unwrap() as f32;
     let [depth, sigma, lower, upper] =
@@ -364,13 +360,10 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
     assert_eq!(record["error_bar"]["interval"]["probability"], 0.8);
     assert_eq!(record["error_bar"]["interval"]["by"], "learned/calibration.toml");
 
-    // Of another method; whether a map from a file is of its network is unknown.
-    place.write("short.toml", tiny(&[("steps = 60", "steps = 5")]));
-    let learn = LEARN.replace("--simulated model -o learned", "--method short.toml -q -o of-short");
-    place.run(&learn);
-    let of_short = REFINE.replace("tiny", "short");
-    let told = place.run(&format!("{of_short} --calibration of-short/calibration.toml -o short"));
-    assert!(told.contains("does not name its network") && !told.contains("other settings"), "{told}");
+    // Of the same settings, for a map from a file.
+    place.run(&LEARN.replace("--simulated model -o learned", "--method tiny.toml -q -o of-map"));
+    let of_map = format!("{REFINE} --calibration of-map/calibration.toml -o map");
+    place.prints(&of_map, 0, "does not name its network ; !other settings");
 
     if cfg!(feature = "onnx") {
         place.take(fixture("grey_nchw.onnx"), "net.onnx");
@@ -408,8 +401,8 @@ fn the_doctor_tries_a_model() {
         (format!("{small} --model-profile small.toml --prior-kind disparity"), 0, "works here"),
         (format!("{small} --model-profile small.toml --prior-kind metric"), 1, "give --prior-kind disparity"),
     ] {
-        let [said, told] = place.told(&format!("doctor --prior-model {arguments}"), code);
-        let text = [said.split_whitespace().collect::<Vec<_>>().join(" "), told].concat();
+        let text = place.prints(&format!("doctor --prior-model {arguments}"), code, "");
+        let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(words.split(';').all(|word| text.contains(word)), "{arguments}: {text}");
         assert_eq!(text.contains("verdict the model works here"), code == 0, "{arguments}: {text}");
         // A refinement warns of the same.

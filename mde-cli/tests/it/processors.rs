@@ -21,13 +21,12 @@ fn small_runs() -> [(&'static str, GaussianDepth); 3] {
         let (image, camera) = (photograph.image.view(), &photograph.camera.camera);
         refine(image, camera, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
     };
-    let short = tiny(&[("steps = 60", "steps = 4"), ("iterations = 2", "iterations = 1")]);
+    let short = tiny(4, 1);
     let hash = alone(&short);
-    let grids = "kind = 'hash'\nlevels = 4\nlog2-rows = 10\nfinest = 64";
-    let mlp = alone(&short.replace(grids, "kind = 'mlp'\nlayers = 2"));
-    let (_, field) = short.split_once("[nerf.field]").unwrap();
-    let (field, _) = field.split_once("[fusion]").unwrap();
-    let config = config(Preset::MultiView, &format!("[nerf.field]{field}"));
+    let grids = "kind = 'hash', levels = 4, log2-rows = 10, finest = 64";
+    let mlp = alone(&short.replace(grids, "kind = 'mlp', layers = 2"));
+    let field: Vec<&str> = short.lines().filter(|line| line.starts_with("nerf.")).collect();
+    let config = config(Preset::MultiView, &field.join("\n"));
     let several = refine_several(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
     assert_eq!(several.capture.as_ref().unwrap().fallback, None);
     for (name, refined) in [("hash", &hash), ("MLP", &mlp), ("several", &several)] {
