@@ -13,22 +13,24 @@ use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_prior::augment::Predictions;
 use mde_prior::{DepthKind, DepthPrior, InferenceMemory, ModelSpec, PriorDepth};
 use mde_uncertainty::pooled::normal_half_width;
-use ndarray::{Array2, Array3, ArrayView3};
+use ndarray::{ArcArray, Array2, ArrayView3, Ix3};
 use std::ops::ControlFlow;
 
 const SIZE: [usize; 2] = [128, 96];
 
 /// The exact depth of the first photograph, a constant elsewhere; of a network whose loading takes that many bytes.
 struct Network {
-    known: Vec<(Array3<f32>, Array2<f32>)>,
+    known: Option<(ArcArray<f32, Ix3>, Array2<f32>)>,
     bytes: u64,
 }
 
 impl DepthPrior for Network {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let known = self.known.iter().find(|(known, _)| known.view() == image);
         let (height, width, _) = image.dim();
-        let depth = known.map_or_else(|| Array2::from_elem((height, width), 3.0), |(_, depth)| depth.clone());
+        let depth = match &self.known {
+            Some((known, depth)) if known.view() == image => depth.clone(),
+            _ => Array2::from_elem((height, width), 3.0),
+        };
         PriorDepth::from_values(depth, DepthKind::Metric)
     }
 
@@ -46,13 +48,11 @@ fn room() -> Capture {
     World::new(Room::Kitchen, 0).unwrap().capture("kitchen", &config, SIZE[0], SIZE[1]).unwrap()
 }
 
-fn network(room: &Capture, origin: PriorOrigin) -> OpenPrior<'static> {
-    let known = vec![(room.views[0].view.image.to_owned(), room.truth.clone())];
-    OpenPrior::given(Box::new(Network { known, bytes: 0 }), origin)
-}
-
-fn origin() -> PriorOrigin {
-    PriorOrigin::new(PriorForm::Network, DepthKind::Metric, "net.onnx")
+fn network(room: Option<&Capture>, bytes: u64, change: impl FnOnce(&mut PriorOrigin)) -> OpenPrior<'static> {
+    let known = room.map(|room| (room.views[0].view.image.clone(), room.truth.clone()));
+    let mut origin = PriorOrigin::new(PriorForm::Network, DepthKind::Metric, "net.onnx");
+    change(&mut origin);
+    OpenPrior::given(Box::new(Network { known, bytes }), origin)
 }
 
 fn photographs(room: &Capture, posed: bool) -> Vec<Photograph> {
@@ -106,10 +106,8 @@ fn still(room: &Capture) -> Scene {
 #[test]
 fn several_photographs_have_neither_the_intervals_nor_the_scale_of_one() {
     let room = room();
-    let mut fastdepth = origin();
-    fastdepth.model_hash = Some("029a5197".to_owned());
     // A constant: against the exact depth the photographs would be refused.
-    let prior = OpenPrior::given(Box::new(Network { known: Vec::new(), bytes: 0 }), fastdepth);
+    let prior = network(None, 0, |origin| origin.model_hash = Some("029a5197".to_owned()));
     let error_bar = crate::refiner::error_bar::ErrorBar::open(Some(0.9), None).unwrap();
     let settings = Settings { error_bar, ..settings() };
     let refiner = Refiner::new(&prior, settings).unwrap();
@@ -124,7 +122,7 @@ fn several_photographs_have_neither_the_intervals_nor_the_scale_of_one() {
 #[test]
 fn refused_photographs_leave_no_scale_and_the_settings_as_they_are() {
     let room = room();
-    let prior = network(&room, origin());
+    let prior = network(Some(&room), 0, |_| {});
     let mut settings = settings();
     settings.config.augmentation.predictions = Predictions::Most(2);
     settings.config.sigma.spread = 7.0;
@@ -151,10 +149,8 @@ fn refused_photographs_leave_no_scale_and_the_settings_as_they_are() {
 #[test]
 fn each_photograph_has_its_own_camera() {
     let room = room();
-    let mut canonical = origin();
     let spec = ModelSpec { canonical_focal: Some(1000.0), ..ModelSpec::new(128, 96, DepthKind::Metric) };
-    canonical.model = Some(spec);
-    let prior = network(&room, canonical);
+    let prior = network(Some(&room), 0, |origin| origin.model = Some(spec));
     let mut photographs = photographs(&room, true);
     photographs[1].camera.camera.fx *= 2.0;
     let scene = Scene::several(photographs.clone(), 0).unwrap();
@@ -175,7 +171,7 @@ fn each_photograph_has_its_own_camera() {
 
 #[test]
 fn a_plan_counts_the_network_for_one_photograph_and_for_several() {
-    let huge = OpenPrior::given(Box::new(Network { known: Vec::new(), bytes: 3 << 30 }), origin());
+    let huge = network(None, 3 << 30, |_| {});
     let memory = MemoryLimit { gib: 2.0 };
     let refiner = Refiner::new(&huge, Settings { memory, ..settings() }).unwrap();
     for photographs in [1, 3] {

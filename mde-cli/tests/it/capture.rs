@@ -1,6 +1,6 @@
 //! Several photographs through the program.
 
-use crate::common::{Place, calibrations, names, on_disk, rendered, wait_until};
+use crate::common::{Place, calibrations, finished, names, on_disk, ratios, rendered, wait_until};
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
@@ -29,61 +29,25 @@ fn fov(room: &Rendered) -> f64 {
     2.0 * (0.5 * WIDTH as f64 / room.views[0].view.camera.fx).atan().to_degrees()
 }
 
-/// Of a folder of photographs, with the poses of a file and without: the maps and their record.
-#[test]
-fn photographs_with_poses_and_without_are_refined() {
-    let place = on_disk(&KITCHEN);
-    place.run(&format!("{REFINE} --views transforms.json -o posed"));
-    let posed = place.record("posed");
-    assert_eq!(
-        (posed["preset"].as_str(), posed["capture"]["photographs"].as_array().unwrap().len()),
-        (Some("multi-view"), 3)
-    );
-    assert_ne!(posed["capture"]["poses"], "estimated");
-    assert!(posed["capture"]["fallback"].is_null(), "{}", posed["capture"]);
-    assert!(place.has("posed/report.html") && place.has("posed/sigma.npy"));
-    place.run(&format!("{REFINE} --views images --fov {} -o found", fov(&KITCHEN)));
-    let found = place.record("found");
-    assert_eq!(found["capture"]["poses"], "estimated");
-    assert!(found["capture"]["fallback"].is_null(), "{}", found["capture"]);
-    // What can't be read is named, and the others are used; not so the reference.
-    place.write("images/2.png", "torn");
-    let told = place.run(&format!("{} --views transforms.json --no-nerf -o torn", REFINE.replace(" -q", "")));
-    assert!(told.contains("2.png: no readable photograph; left out"), "{told}");
-    assert!(place.record("torn")["capture"]["fallback"].is_null());
-    place.refused("refine images/2.png --views transforms.json -q -o out", &["2.png"]);
-}
-
 /// The depth is that of the parallax, in the unit of the poses, as good as with a prior; one photograph alone needs a network.
 #[test]
 fn several_photographs_need_no_network() {
     let place = on_disk(&STUDY);
     place.run("refine images/0.png --views transforms.json --no-nerf -q -o parallax");
     let record = place.record("parallax");
-    assert_eq!(
-        (record["unit"].as_str(), record["prior"]["source"].as_str()),
-        (Some("capture"), Some("none"))
-    );
+    assert!(record["unit"] == "capture" && record["prior"]["source"] == "none", "{record}");
     let depth = place.map("parallax/depth.npy");
-    let errors = depth
-        .iter()
-        .zip(&STUDY.truth)
-        .filter(|(_, t)| **t > 0.0)
-        .map(|(d, t)| f64::from((d / t - 1.0).abs()));
-    let error = median(errors).unwrap();
+    let error = median(ratios(depth.view(), &STUDY.truth).map(|ratio| (ratio - 1.0).abs())).unwrap();
     assert!(error < 0.05, "{error}");
-    // A copy of the reference is no other photograph, and without parallax there is no depth.
-    fs::create_dir(place.path("same")).unwrap();
-    for name in ["a.png", "b.png"] {
-        fs::copy(place.path("images/0.png"), place.path("same").join(name)).unwrap();
-    }
-    place.refused("refine same/a.png --views same --fov 60 -q -o no", &["--prior-model"]);
     place.run("dense transforms.json --no-nerf -q -o all");
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
-    // The first photograph is one like the others.
+    // What can't be read is named, and the others are used, not so the reference; the first photograph is one like the others.
     place.write("images/0.png", "torn");
-    let [_, told] = place.told("dense transforms.json --no-nerf -o rest", 3);
-    assert!(told.contains("0.png: no readable photograph; left out"), "{told}");
+    place.refused("refine images/0.png --views transforms.json -q -o out", "0.png");
+    let left_out = "0.png: no readable photograph; left out";
+    place.prints("refine images/1.png --views transforms.json --no-nerf -o torn", 0, left_out);
+    assert!(place.record("torn")["capture"]["fallback"].is_null());
+    place.prints("dense transforms.json --no-nerf -o rest", 3, left_out);
     assert!(place.has("rest/1/depth.npy") && place.has("rest/cloud.ply"));
 }
 
@@ -124,21 +88,19 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
     place.run(&format!("{views} -o metres"));
     assert!(place.has("capture/sigma/ambiguity.npy") && !place.has("capture/sigma/gauge.npy"));
     assert!(place.has("metres/sigma/gauge.npy"));
-    let used = record["capture"]["photographs"].as_array().unwrap().iter().filter(|p| p["used"] == true);
-    assert_eq!((used.count(), record["unit"].as_str()), (2, Some("capture")));
+    let capture = &record["capture"];
+    let photographs = capture["photographs"].as_array().unwrap();
+    assert_eq!((photographs.len(), photographs.iter().filter(|one| one["used"] == true).count()), (4, 2));
+    assert!(record["unit"] == "capture" && record["preset"] == "multi-view", "{record}");
+    assert!(capture["poses"] != "estimated" && capture["fallback"].is_null(), "{capture}");
+    assert!(place.has("capture/report.html") && place.has("capture/sigma.npy"));
     if let Some(peak) = record["peak_memory_bytes"].as_u64() {
         let config = Config::with_overrides(Preset::MultiView, &place.text("quick.toml"), "quick").unwrap();
         let estimate = scene_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config);
         assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
     }
-    let depth = place.map("capture/depth.npy");
-    let ratios = depth.iter().zip(&STUDY.truth).filter(|(_, t)| **t > 0.0).map(|(d, t)| f64::from(d / t));
-    let ratio = median(ratios).unwrap();
+    let ratio = median(ratios(place.map("capture/depth.npy").view(), &STUDY.truth)).unwrap();
     assert!(ratio.ln().abs() < 0.15, "{ratio}");
-    place.refused(
-        &format!("{REFINE} --views transforms.json --max-memory 0.01 -o out"),
-        &["--max-memory 0.01"],
-    );
 }
 
 /// What `mde poses` writes is a capture that `mde refine` reads, with the poses and the focal length that it found.
@@ -147,6 +109,9 @@ fn poses_are_written_and_read_again() {
     let place = on_disk(&KITCHEN);
     write_image(place.path("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
     fs::create_dir(place.path("found")).unwrap();
+    place.run(&format!("{REFINE} --views images --fov {} -o estimated", fov(&KITCHEN)));
+    let estimated = place.record("estimated")["capture"].clone();
+    assert!(estimated["poses"] == "estimated" && estimated["fallback"].is_null(), "{estimated}");
     // Left out before those that follow, whose names stay theirs.
     fs::copy(place.path("images/0.png"), place.path("images/0-copy.png")).unwrap();
     place.write("images/0-torn.png", "torn");
@@ -177,22 +142,33 @@ fn poses_are_written_and_read_again() {
 }
 
 const DENSE: &str = "dense transforms.json --prior-model grey.onnx --model-profile fastdepth \
-                   --prior-kind metric --config quick.toml -q";
+                   --prior-kind metric --config quick.toml";
 
-fn finished(told: &str) -> usize {
-    told.matches("finished before").count()
-}
-
-/// All photographs with a network of brightness: what is written fits together, and a finished photograph is not refined again.
+/// All photographs with a network of brightness: what is written fits together. Killed after its first photograph, the same command takes
+/// that one and writes what an unbroken run writes.
 #[test]
 #[cfg(feature = "onnx")]
 fn every_photograph_gets_a_folder_and_all_a_cloud() {
     let room = rendered(Room::Study, 3, SMALL);
     let place = on_disk(&room);
-    let all = format!("{DENSE} --unit capture -o out");
     let [usual, commented, changed] = calibrations();
-    place.write("usual.toml", &usual);
-    place.run(&format!("{all} --calibration usual.toml"));
+    place.write("c.toml", &usual);
+    let all = format!("{DENSE} --unit capture --interval 0.8 --calibration c.toml");
+    let (mut child, _lines) = place.start(&format!("{all} -q -o out"));
+    wait_until(&mut child, || place.has("out/0/finished.json"));
+    child.kill().unwrap();
+    assert!(!child.wait().unwrap().success() && !place.has("out/run.json"));
+    let words = "lower.npy and upper.npy in each folder: 80 % interval ; 0.png: finished before";
+    assert!(finished(&place.prints(&format!("{all} -o out"), 0, words)) <= 2);
+    // One whose map was cut since.
+    place.write("out/0/sigma.npy", "");
+    assert_eq!(finished(&place.run(&format!("{all} -o out"))), 2);
+    place.run(&format!("{all} -q -o unbroken"));
+    let unbroken = place.maps("unbroken");
+    assert!(place.maps("out") == unbroken);
+    assert_eq!(place.text("out/transforms.json"), place.text("unbroken/transforms.json"));
+    assert!(!names(&place.path("out")).iter().any(|name| name.starts_with(".mde-")));
+
     let record = place.record("out");
     let rows = record["photographs"].as_array().unwrap();
     assert_eq!(rows.len(), 3);
@@ -206,12 +182,11 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
         for file in ["depth.npy", "sigma.npy", "run.json", "report.html", "image.png"] {
             assert!(place.has(&format!("out/{name}/{file}")), "{name}/{file}");
         }
-        assert_eq!(whole["frames"][index]["depth_file_path"], format!("{name}/depth.png"));
-        assert!(
-            place.path("out").join(whole["frames"][index]["sigma_file_path"].as_str().unwrap()).is_file()
-        );
+        let frame = &whole["frames"][index];
+        assert_eq!(frame["depth_file_path"], format!("{name}/depth.png"));
+        assert!(place.has(&format!("out/{}", frame["sigma_file_path"].as_str().unwrap())));
         // In the world of the capture, in its unit; the reference's pose is as given.
-        let known = &room.views[name.parse::<usize>().unwrap()].view.pose;
+        let known = &room.views[index].view.pose;
         let apart = (transforms.frames[index].pose * known.inverse()).translation.vector.norm();
         assert!(apart < if index == 0 { 1e-9 } else { 0.02 }, "{apart}");
         assert!(page.contains(&format!("href=\"{name}/report.html\"")));
@@ -219,40 +194,16 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
     assert!(record["points"].as_u64().unwrap() > (SMALL[0] * SMALL[1] / 10) as u64, "{}", record["points"]);
 
     // The same command has nothing left to do. A calibration counts by its values, not by its name or comments.
-    let made = || ["0/depth.npy", "1/depth.npy", "cloud.ply"].map(|name| place.bytes(&format!("out/{name}")));
-    let first = made();
     let kept = |calibration: &str, more: &str| {
-        place.write("c.toml", calibration);
-        finished(&place.run(&format!("{} --calibration c.toml {more}", all.replace(" -q", ""))))
+        place.write("d.toml", calibration);
+        finished(&place.run(&format!("{} {more} -o out", all.replace("c.toml", "d.toml"))))
     };
     assert_eq!(
         [kept(&usual, ""), kept(&commented, ""), kept(&changed, ""), kept(&changed, "--force")],
         [3, 3, 0, 0]
     );
-    assert!(made() == first);
-}
-
-/// Killed after its first photograph, the same command takes that one and writes what an unbroken run writes.
-#[test]
-#[cfg(feature = "onnx")]
-fn a_killed_capture_goes_on_after_the_finished_photographs() {
-    let place = on_disk(&rendered(Room::Study, 3, SMALL));
-    let all = format!("{DENSE} --interval 0.8").replace(" -q", "");
-    let mut child = place.start(&format!("{all} -o out"));
-    wait_until(&mut child, || place.has("out/0/finished.json"));
-    child.kill().unwrap();
-    assert!(!child.wait().unwrap().success() && !place.has("out/run.json"));
-    let [said, told] = place.told(&format!("{all} -o out"), 0);
-    assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval"), "{said}");
-    assert!(told.contains("0.png: finished before") && finished(&told) <= 2, "{told}");
-    // One whose map was cut since.
-    place.write("out/0/sigma.npy", "");
-    assert_eq!(finished(&place.run(&format!("{all} -o out"))), 2);
-    place.run(&format!("{all} -o unbroken"));
-    for name in ["1/depth.npy", "1/sigma.npy", "0/depth.npy", "2/sigma.npy", "cloud.ply", "transforms.json"] {
-        assert!(place.bytes(&format!("out/{name}")) == place.bytes(&format!("unbroken/{name}")), "{name}");
-    }
-    assert!(!names(&place.path("out")).iter().any(|name| name.starts_with(".mde-")));
+    let again = place.maps("out");
+    assert!(["0/depth.npy", "1/depth.npy", "cloud.ply"].iter().all(|map| again[*map] == unbroken[*map]));
 }
 
 /// The demo of several photographs: better than its prior, and refined again from its files.
@@ -260,9 +211,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
 fn the_demo_has_photographs_without_poses() {
     let place = Place::new();
     place.write("quick.toml", "nerf.train = { steps = 250, rays = 256 }\nnerf.field.finest = 128\n");
-    let demo = "demo --size 240x180 --config quick.toml";
-    let [said, _] = place.told(&format!("{demo} -o demo"), 0);
-    assert!(said.contains("AbsRel") && said.contains("90 % intervals hold"), "{said}");
+    place.prints("demo --size 240x180 --config quick.toml -o demo", 0, "AbsRel ; 90 % intervals hold");
     let told = place.record("demo");
     let capture = &told["capture"];
     assert!(capture["poses"] == "estimated" && capture["fallback"].is_null(), "{capture}");

@@ -1,4 +1,4 @@
-//! A small picture with its depth, where the program can read it, and what the tests ask of runs and results.
+//! A small picture with its depth, where the program can read it; runs of the program and their results.
 
 pub(crate) use crate::library::*;
 
@@ -11,6 +11,7 @@ use mde_cli::ndarray::Array2;
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{Room, Scene, room};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -34,8 +35,8 @@ impl Place {
         static SCENE: LazyLock<Scene> = LazyLock::new(|| room(Room::Study, 0, WIDTH, HEIGHT).unwrap());
         let place = Self { folder: tempfile::tempdir().unwrap(), scene: SCENE.clone() };
         write_image(place.path("image.png"), place.scene.image.view()).unwrap();
-        write_npy(place.path("depth.npy"), place.scene.depth.view()).unwrap();
-        place.write("tiny.toml", TINY);
+        place.save("depth.npy", &place.scene.depth);
+        place.write("tiny.toml", tiny(60, 2));
         place
     }
 
@@ -66,6 +67,11 @@ impl Place {
         self.json(&format!("{folder}/run.json"))
     }
 
+    pub(crate) fn save(&self, name: &str, map: &Array2<f32>) {
+        self.write(name, "");
+        write_npy(self.path(name), map.view()).unwrap();
+    }
+
     pub(crate) fn map(&self, name: &str) -> Array2<f32> {
         read_values(self.path(name), &ReadOptions::default()).unwrap()
     }
@@ -91,37 +97,84 @@ impl Place {
         command
     }
 
-    /// What it prints to stdout and stderr, with an exit code.
-    pub(crate) fn told(&self, arguments: &str, code: i32) -> [String; 2] {
-        let run = self.mde(arguments).assert().code(code);
-        let output = run.get_output();
-        [&output.stdout, &output.stderr].map(|bytes| String::from_utf8(bytes.clone()).unwrap())
+    /// What a run that succeeds prints.
+    pub(crate) fn run(&self, arguments: &str) -> String {
+        self.prints(arguments, 0, "")
     }
 
-    /// A run that succeeds, and its stderr.
-    pub(crate) fn run(&self, arguments: &str) -> String {
-        let [_, stderr] = self.told(arguments, 0);
-        stderr
+    /// A run with that exit code that prints these words, separated by ` ; `, but not those after `!`.
+    pub(crate) fn prints(&self, arguments: &str, code: i32, words: &str) -> String {
+        let run = self.mde(arguments).assert().code(code);
+        let printed = [&run.get_output().stdout[..], &run.get_output().stderr].concat();
+        let printed = String::from_utf8(printed).unwrap();
+        for word in words.split(" ; ") {
+            let (wanted, word) = word.strip_prefix('!').map_or((true, word), |word| (false, word));
+            assert_eq!(printed.contains(word), wanted, "{arguments}: {word:?} in {printed}");
+        }
+        printed
     }
 
     /// A run that ends with one line with these words, and makes no `out`.
-    pub(crate) fn refused(&self, arguments: &str, words: &[&str]) -> String {
-        let [_, stderr] = self.told(arguments, 1);
-        assert_eq!(stderr.lines().count(), 1, "{arguments}: {stderr}");
-        assert!(words.iter().all(|word| stderr.contains(word)), "{arguments}: {stderr}");
-        assert!(!self.has("out"), "{arguments}");
-        stderr
+    pub(crate) fn refused(&self, arguments: &str, words: &str) {
+        let printed = self.prints(arguments, 1, words);
+        assert!(printed.lines().count() == 1 && !self.has("out"), "{arguments}: {printed}");
     }
 
-    /// As a process of its own; what it prints is lost.
-    pub(crate) fn start(&self, arguments: &str) -> Child {
-        std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
-            .current_dir(self.path("."))
+    /// As a process of its own, with the lines of its stderr.
+    pub(crate) fn start(&self, arguments: &str) -> (Child, impl Iterator<Item = String> + use<>) {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
+            .current_dir(self.folder.path())
             .args(arguments.split_whitespace())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
-            .unwrap()
+            .unwrap();
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+        (child, lines)
+    }
+
+    /// The maps and pictures below a folder by their names; unfinished folders do not count.
+    pub(crate) fn maps(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
+        let root = self.path(folder);
+        let mut found = BTreeMap::new();
+        for name in names(&root).into_iter().filter(|name| !name.starts_with('.')) {
+            if root.join(&name).is_dir() {
+                let below = self.maps(&format!("{folder}/{name}"));
+                found.extend(below.into_iter().map(|(file, bytes)| (format!("{name}/{file}"), bytes)));
+            } else if [".npy", ".png", ".ply"].iter().any(|kind| name.ends_with(kind)) {
+                found.insert(name.clone(), self.bytes(&format!("{folder}/{name}")));
+            }
+        }
+        found
+    }
+
+    /// Runs a command to `whole`; then to `out0`, `out1` ..., killed at moments that are spread over its lines of progress, but not at
+    /// equal steps, and so at the same points of its work, however busy the machine is. `check` gets each folder with the signal.
+    pub(crate) fn kill_at_moments(
+        &self,
+        command: &str,
+        moments: u32,
+        signals: &[&'static str],
+        mut check: impl FnMut(&str, &str),
+    ) {
+        let begin = Instant::now();
+        let all = self.run(&format!("{command} --log-json -o whole")).lines().count();
+        assert!(all > 3, "{all} lines");
+        let between = begin.elapsed() / all as u32;
+        let mut killed = 0;
+        for moment in 0..moments {
+            let jitter = (f64::from(moment) * 0.618_034).fract();
+            let at = (f64::from(moment) + jitter) / f64::from(moments) * all as f64;
+            let (out, signal) = (format!("out{moment}"), signals[moment as usize % signals.len()]);
+            let (mut child, mut lines) = self.start(&format!("{command} --log-json -o {out}"));
+            lines.by_ref().take(at as usize).for_each(drop);
+            sleep(between.mul_f64(at.fract()));
+            send(&child, signal);
+            lines.for_each(drop);
+            killed += u32::from(!child.wait().unwrap().success());
+            check(&out, signal);
+        }
+        assert!(killed >= moments / 4, "{killed} killed");
     }
 }
 
@@ -140,51 +193,6 @@ pub(crate) fn wait_until(child: &mut Child, ready: impl Fn() -> bool) {
     }
 }
 
-/// The lines of progress that a whole run prints, by which others are killed at the same point of their work, however busy the
-/// machine is.
-pub(crate) struct Course {
-    lines: usize,
-    /// The mean time between two lines.
-    between: Duration,
-}
-
-impl Course {
-    /// Of the command, which is run.
-    pub(crate) fn of(place: &Place, arguments: &str) -> Self {
-        let begin = Instant::now();
-        let lines = place.run(&format!("{arguments} --log-json")).lines().count();
-        assert!(lines > 3, "{lines} lines");
-        Self { lines, between: begin.elapsed() / lines as u32 }
-    }
-
-    /// Kills at one of the moments, spread over a whole run but not at equal steps; whether the run had not ended yet.
-    pub(crate) fn kill(
-        &self,
-        place: &Place,
-        arguments: &str,
-        moment: u32,
-        moments: u32,
-        signal: &str,
-    ) -> bool {
-        let jitter = (f64::from(moment) * 0.618_034).fract();
-        let at = (f64::from(moment) + jitter) / f64::from(moments) * self.lines as f64;
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
-            .current_dir(place.path("."))
-            .args(arguments.split_whitespace())
-            .arg("--log-json")
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        lines.by_ref().take(at as usize).for_each(drop);
-        sleep(self.between.mul_f64(at.fract()));
-        send(&child, signal);
-        lines.for_each(drop);
-        !child.wait().unwrap().success()
-    }
-}
-
 /// Sends a signal; the process may have ended.
 pub(crate) fn send(child: &Child, signal: &str) {
     let id = child.id().to_string();
@@ -197,6 +205,22 @@ pub(crate) fn calibrations() -> [String; 3] {
     let changed = usual.replace("0.007735", "0.007736");
     assert_ne!(usual, changed);
     [usual.to_owned(), format!("{usual}# a comment\n"), changed]
+}
+
+/// The data of a report, which loads nothing: the only address in it is the name of the SVG namespace.
+pub(crate) fn report_data(html: &str) -> Value {
+    assert!(html.contains("default-src 'none'"));
+    assert_eq!(html.matches("://").count(), html.matches("http://www.w3.org/2000/svg").count());
+    assert_eq!(html.matches("<script").count(), 2);
+    assert!(!html.contains("<link") && !html.contains("@import") && !html.contains("{{"));
+    let start = html.find("id=\"data\">").unwrap() + "id=\"data\">".len();
+    let end = start + html[start..].find("</script>").unwrap();
+    serde_json::from_str(&html[start..end]).unwrap()
+}
+
+/// How many photographs a run keeps.
+pub(crate) fn finished(printed: &str) -> usize {
+    printed.matches(": finished before").count()
 }
 
 /// Names in a folder, sorted.
@@ -216,13 +240,12 @@ pub(crate) fn shared() -> PathBuf {
 /// Copies a folder with what is in it.
 pub(crate) fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.file_type().unwrap().is_dir() {
-            copy(&entry.path(), &target);
+    for name in names(from) {
+        let (from, to) = (from.join(&name), to.join(&name));
+        if from.is_dir() {
+            copy(&from, &to);
         } else {
-            fs::copy(entry.path(), target).unwrap();
+            fs::copy(from, to).unwrap();
         }
     }
 }
@@ -240,7 +263,7 @@ pub(crate) fn on_disk(room: &Rendered) -> Place {
     }
     place.write("transforms.json", transforms_json(&frames, &place.path(""), |_| Vec::new()));
     let prior = room.views[0].prior.as_ref().unwrap().to_depth(&DisparityRule::default()).unwrap();
-    write_npy(place.path("prior.npy"), prior.view()).unwrap();
+    place.save("prior.npy", &prior);
     place.write("quick.toml", "nerf.train = { steps = 40, rays = 128 }\nnerf.field.finest = 64\n");
     place.take(fixture("grey_nchw.onnx"), "grey.onnx");
     place

@@ -1,33 +1,35 @@
-//! `mde eval` and `mde ablate`.
+//! `mde eval`, `mde ablate`, `mde score`: what is scored is what `mde refine` writes; kept results belong to the content of the inputs.
 
-use crate::common::{HEIGHT, Place, WIDTH, copy, names, tiny};
-use crate::report::data;
-use mde_cli::mde_prior::format::{write_npy, write_png16};
+use crate::common::{HEIGHT, Place, WIDTH, copy, fixture, names, report_data, tiny, wait_until};
+use mde_cli::mde_prior::format::write_png16;
 use mde_eval::scene::{Room, room};
 use ndarray::Array2;
 use std::fs;
-use std::time::SystemTime;
 
 const RESULTS: &str = "error-by-percentile.svg eval.json reliability.svg \
                        report.html scenes scenes.csv sparsification.svg summary.json table.md";
 
-const ROOMS: &str = "eval --dataset rooms --size 64x48 --limit 2 -o e";
+const EVAL: &str = "eval --dataset rooms --size 64x48 --limit 1";
 
-/// When the maps of a method were written.
-fn written(place: &Place, scene: &str, method: &str) -> SystemTime {
-    fs::metadata(place.path(&format!("e/scenes/{scene}/{method}/depth.npy"))).unwrap().modified().unwrap()
+fn anew(place: &Place, arguments: &str) -> bool {
+    place.run(arguments).contains("computed again")
+}
+
+/// The mean error of a method.
+fn abs_rel(place: &Place, method: &str) -> f64 {
+    let summary = place.json("e/summary.json");
+    let mut methods = summary["summary"]["methods"].as_array().unwrap().iter();
+    methods.find(|one| one["method"] == method).unwrap()["metrics"]["abs_rel"]["mean"].as_f64().unwrap()
 }
 
 #[test]
 fn methods_are_compared_and_nothing_is_run_twice() {
     let place = Place::new();
-    let command = format!("{ROOMS} --methods tiny.toml,guided,unsharp1,zoom");
+    let command = "eval --dataset rooms --size 64x48 --limit 2 -o e --methods tiny.toml,guided,unsharp1,zoom";
     // The simulated prior accepts no crops: that method fails with a message, the others run.
-    let [said, told] = place.told(&command, 3);
-    assert!(said.contains("tables: e/table.md") && !said.contains("| guided |"), "{said}");
+    place.prints(command, 3, "tables: e/table.md ; zoom: failed ; name a model ; !| guided |");
     let table = place.text("e/table.md");
     assert!(table.contains("| guided |") && table.contains("unsharp as sharp as tiny"), "{table}");
-    assert!(told.contains("zoom: failed") && told.contains("name a model"), "{told}");
     assert_eq!(names(&place.path("e")).join(" "), RESULTS);
     let summary = place.json("e/summary.json");
     let failures = summary["failures"].as_array().unwrap().len();
@@ -43,7 +45,7 @@ fn methods_are_compared_and_nothing_is_run_twice() {
 
     // The page has thumbnails, and can be made again.
     let html = place.text("e/report.html");
-    let data = data(&html);
+    let data = report_data(&html);
     assert_eq!((&data["kind"], data["figures"].as_array().unwrap().len()), (&"evaluation".into(), 3));
     assert_eq!(data["summary"]["command_line"].as_str().unwrap(), format!("mde {command}"));
     let scenes = data["scenes"].as_array().unwrap();
@@ -60,22 +62,21 @@ fn methods_are_compared_and_nothing_is_run_twice() {
     place.run("report e");
     assert!(place.text("e/report.html") == html);
 
-    let before = written(&place, "study-0", "tiny");
-    let told = place.run(&command.replace(",zoom", ",wmf"));
-    assert!(told.contains("study-0 wmf:") && !told.contains("tiny:"), "{told}");
-    assert_eq!(written(&place, "study-0", "tiny"), before);
-    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 61")]));
-    let told = place.run(&command.replace(",zoom", ""));
+    let written = || fs::metadata(place.path("e/scenes/study-0/tiny/depth.npy")).unwrap().modified().unwrap();
+    let before = written();
+    place.prints(&command.replace(",zoom", ",wmf"), 0, "study-0 wmf: ; !0 tiny:");
+    assert_eq!(written(), before);
+    place.write("tiny.toml", tiny(61, 2));
     let why = "study-0 tiny: computed again, since settings.method.config.nerf.train.steps: 60 -> 61";
-    assert!(told.contains(why), "{told}");
-    assert_ne!(written(&place, "study-0", "tiny"), before);
+    place.prints(&command.replace(",zoom", ""), 0, why);
+    assert_ne!(written(), before);
 
     // The simulated prior is of the seed.
     let prior = || place.bytes("e/scenes/study-0/prior/depth.npy");
     let of_seed_0 = prior();
-    place.run(&format!("{ROOMS} --methods guided --seed 7"));
+    place.run("eval --dataset rooms --size 64x48 --limit 2 -o e --methods guided --seed 7");
     assert_ne!(prior(), of_seed_0);
-    place.refused(&command.replace("64x48", "32x24"), &["data.size: [64,48] -> [32,24]", "--force"]);
+    place.refused(&command.replace("64x48", "32x24"), "data.size: [64,48] -> [32,24] ; --force");
 }
 
 #[test]
@@ -85,17 +86,11 @@ fn a_broken_scene_is_told_and_the_rest_goes_on() {
         place.take("image.png", &format!("data/{name}/color.png"));
         place.take("depth.npy", &format!("data/{name}/depth.npy"));
         place.write(&format!("data/{name}/scene.json"), json);
-        place.write(&format!("priors/{name}.npy"), "");
-        let prior = place.scene.depth.mapv(|z| 0.5 * z + 0.3);
-        write_npy(place.path(&format!("priors/{name}.npy")), prior.view()).unwrap();
+        place.save(&format!("priors/{name}.npy"), &place.scene.depth.mapv(|z| 0.5 * z + 0.3));
     }
     let eval = "eval data --prior-depth priors --methods jbf";
-    let [said, told] = place.told(&format!("{eval} -o e"), 3);
-    assert!(said.contains("1 scene;") && said.contains("failed: all methods on a"), "{said}");
-    assert!(
-        told.contains("scene.json") && told.contains("b: no intrinsics; the camera is assumed"),
-        "{told}"
-    );
+    let words = "1 scene; ; failed: all methods on a ; scene.json ; b: no intrinsics; the camera is assumed";
+    place.prints(&format!("{eval} -o e"), 3, words);
     place.write("data/a/scene.json", "{}");
     place.run(&format!("{eval} -o e"));
 }
@@ -104,21 +99,18 @@ fn a_broken_scene_is_told_and_the_rest_goes_on() {
 fn maps_of_any_program_are_scored() {
     let place = Place::new();
     let truth = &place.scene.depth;
-    for folder in ["pred/deep", "gt/deep", "sigma/deep"] {
-        fs::create_dir_all(place.path(folder)).unwrap();
-    }
     let prediction =
         Array2::from_shape_fn(truth.dim(), |(y, x)| truth[(y, x)] * (1.0 + 0.1 * ((x / 8) % 2) as f32));
-    write_npy(place.path("pred/a.npy"), prediction.view()).unwrap();
+    place.save("pred/a.npy", &prediction);
+    place.save("gt/deep/b.npy", truth);
+    for name in ["a", "deep/b"] {
+        place.save(&format!("sigma/{name}.npy"), &truth.mapv(|z| 0.05 * z));
+    }
+    fs::create_dir(place.path("pred/deep")).unwrap();
     write_png16(place.path("pred/deep/b.png"), prediction.view(), 2000.0).unwrap();
     write_png16(place.path("gt/a.png"), truth.view(), 1000.0).unwrap();
-    write_npy(place.path("gt/deep/b.npy"), truth.view()).unwrap();
-    for name in ["a", "deep/b"] {
-        write_npy(place.path(&format!("sigma/{name}.npy")), truth.mapv(|z| 0.05 * z).view()).unwrap();
-    }
     let score = "score pred --gt gt";
-    let [said, _] = place.told(&format!("{score} -o plain"), 0);
-    assert!(said.contains("2 scenes; report: plain/report.html"), "{said}");
+    place.prints(&format!("{score} -o plain"), 0, "2 scenes; report: plain/report.html");
     let table = place.text("plain/table.md");
     assert!(table.contains("| maps |") && !table.contains("Spearman"), "{table}");
     place.run(&format!("{score} --sigma sigma -o whole"));
@@ -133,37 +125,28 @@ fn maps_of_any_program_are_scored() {
     place.run(&format!("{score} -o whole --force"));
     assert!(!place.has("whole/reliability.svg") && !place.has("whole/reliability.png"));
     assert!(!place.text("whole/report.html").contains("sparsification"));
-    write_npy(place.path("pred/c.npy"), prediction.view()).unwrap();
-    assert!(place.run(&format!("{score} -o extra")).contains("c: no truth of that name"));
+    place.save("pred/c.npy", &prediction);
+    place.prints(&format!("{score} -o extra"), 0, "c: no truth of that name");
 }
 
 /// Beside our own methods; other maps in the folder are scored again.
 #[test]
 fn maps_of_another_program_are_a_method() {
     let place = Place::new();
-    fs::create_dir(place.path("theirs")).unwrap();
     let exact = room(Room::Study, 0, WIDTH, HEIGHT).unwrap().depth;
-    let command = "eval --dataset rooms --size 64x48 --limit 1 -o e --methods theirs=theirs";
-    let error = |bend: f32| {
+    for (bend, errors) in [(0.0, 0.0..1e-6), (0.3, 0.02..0.2)] {
         let map = Array2::from_shape_fn(exact.dim(), |(y, x)| exact[(y, x)] * (1.0 + bend * x as f32 / 64.0));
-        write_npy(place.path("theirs/study-0.npy"), map.view()).unwrap();
-        place.run(command);
-        let methods = place.json("e/summary.json")["summary"]["methods"].as_array().unwrap().clone();
-        let own = methods.iter().find(|method| method["method"] == "theirs").unwrap();
-        own["metrics"]["abs_rel"]["mean"].as_f64().unwrap()
-    };
-    let (exact, bent) = (error(0.0), error(0.3));
-    assert!(exact < 1e-6 && (0.02..0.2).contains(&bent), "{exact} {bent}");
+        place.save("theirs/study-0.npy", &map);
+        place.run(&format!("{EVAL} -o e --methods theirs=theirs"));
+        assert!(errors.contains(&abs_rel(&place, "theirs")), "{bend}");
+    }
 }
 
 #[test]
 fn rows_of_an_ablation_share_their_field() {
     let place = Place::new();
     // The field's own depth: nothing reverts to the prior.
-    place.write(
-        "tiny.toml",
-        tiny(&[("steps = 60", "steps = 20")]) + "fusion = 'nerf-only'\ncalibration = 'none'\n",
-    );
+    place.write("tiny.toml", tiny(20, 2) + "fusion.fusion = 'nerf-only'\nfusion.calibration = 'none'\n");
     let rows = "min-depth,guided-for-nerf,in-bin";
     let command = format!(
         "ablate --dataset rooms --size 64x48 --limit 1 --seeds 2 --config tiny.toml -o e --rows {rows}"
@@ -187,7 +170,7 @@ fn rows_of_an_ablation_share_their_field() {
 #[test]
 fn shards_and_a_plain_run_are_as_one_evaluation() {
     let place = Place::new();
-    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 5")]));
+    place.write("tiny.toml", tiny(5, 2));
     // One method fails on every scene, as the simulated prior accepts no crops.
     let eval = |rest: &str| {
         let eval = "eval --dataset rooms --size 64x48 --limit 5 --methods tiny.toml,guided,zoom -q";
@@ -205,12 +188,7 @@ fn shards_and_a_plain_run_are_as_one_evaluation() {
     let refused = eval("--shard 1/3 -o parts --force").code(1);
     assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("other shards"), "{refused}");
     eval("-o parts").code(3);
-    let scenes = names(&place.path("whole/scenes"));
-    assert_eq!(names(&place.path("parts/scenes")), scenes);
-    for scene in &scenes {
-        let map = |out: &str| place.bytes(&format!("{out}/scenes/{scene}/tiny/depth.npy"));
-        assert!(map("parts") == map("whole"), "{scene}");
-    }
+    assert!(place.maps("parts") == place.maps("whole"));
     // From the same maps with their seconds, all files are the same.
     fs::remove_dir_all(place.path("parts")).unwrap();
     copy(&place.path("whole/scenes"), &place.path("parts/scenes"));
@@ -230,5 +208,136 @@ fn shards_and_a_plain_run_are_as_one_evaluation() {
         files.iter().filter(|name| !["scenes", "summary.json", "report.html"].contains(&name.as_str()))
     {
         assert!(place.bytes(&format!("parts/{file}")) == place.bytes(&format!("whole/{file}")), "{file}");
+    }
+}
+
+#[test]
+fn a_prior_is_known_by_its_content_and_not_by_its_folder() {
+    let place = Place::new();
+    let truth = room(Room::Study, 0, WIDTH, HEIGHT).unwrap().depth;
+    let wrong = Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| 1.0 + (x * y) as f32 * 1e-3);
+    place.save("pr/study-0.npy", &wrong);
+    let eval = |rest: &str| format!("{EVAL} --methods prior -o e --prior-depth {rest}");
+    let score = || abs_rel(&place, "prior");
+    place.run(&eval("pr"));
+    let wrong = score();
+    // The same files by another path, and elsewhere. Kept scores may differ in their last digit.
+    fs::create_dir(place.path("x")).unwrap();
+    assert!(!anew(&place, &eval("x/../pr")));
+    fs::rename(place.path("pr"), place.path("moved")).unwrap();
+    assert!(!anew(&place, &eval("moved")) && wrong > 0.1 && (score() - wrong).abs() < 1e-9);
+    // Other files of the same names.
+    place.save("moved/study-0.npy", &truth);
+    assert!(anew(&place, &eval("moved")) && score() < 1e-9);
+    // The same files, read otherwise.
+    assert!(anew(&place, &eval("moved --png-scale 2")));
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn weights_beside_the_model_count_as_the_model() {
+    let place = Place::new();
+    place.take(fixture("external.onnx"), "external.onnx");
+    place.write("external.toml", "width = 32\nheight = 32\noutput = 'metric'\n");
+    let short = tiny(10, 1);
+    place.write("short.toml", format!("augmentation.predictions = 1\n{short}"));
+    let weights = [0.9_f32, 0.05, 0.05].map(f32::to_le_bytes).concat();
+    let rooms = "--dataset rooms --size 64x48 --prior-model external.onnx";
+    for command in [
+        format!("eval {rooms} --limit 1 --methods prior -o e"),
+        format!("ablate {rooms} --limit 1 --rows min-depth --seeds 1 --config short.toml -o a"),
+        format!("calibrate {rooms} --limit 3 --method short.toml -o c"),
+    ] {
+        place.take(fixture("external.bin"), "external.bin");
+        place.run(&command);
+        assert!(!anew(&place, &command), "{command}");
+        place.write("external.bin", &weights);
+        assert!(anew(&place, &command), "{command}");
+    }
+}
+
+#[test]
+fn a_damaged_map_is_computed_again() {
+    let place = Place::new();
+    let eval = format!("{EVAL} --methods guided -o e");
+    place.run(&eval);
+    let map = "e/scenes/study-0/guided/depth.npy";
+    let whole = place.bytes(map);
+    let mut altered = whole.clone();
+    *altered.last_mut().unwrap() ^= 1;
+    for broken in [Some(&altered[..]), Some(&whole[..whole.len() / 2]), Some(&[]), None] {
+        match broken {
+            Some(bytes) => place.write(map, bytes),
+            None => fs::remove_file(place.path(map)).unwrap(),
+        }
+        place.prints(&eval, 0, "guided: computed again");
+        assert!(place.bytes(map) == whole);
+    }
+    assert!(!anew(&place, &eval));
+}
+
+#[test]
+fn one_evaluation_at_a_time_writes_a_folder() {
+    let place = Place::new();
+    place.write("long.toml", tiny(100000, 2));
+    let (mut first, _lines) = place.start(&format!("{EVAL} --methods long.toml -q -o e"));
+    wait_until(&mut first, || place.has("e/eval.json"));
+    let second = format!("{EVAL} --methods guided -q -o e");
+    place.refused(&second, &format!("another process ({}) ; -o", first.id()));
+    // The lock of a killed process holds nobody.
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert!(place.has("e/.mde-lock"));
+    place.run(&second);
+    assert!(!names(&place.path("e")).iter().any(|name| name.starts_with('.')));
+}
+
+/// What is scored is what a refinement writes, byte for byte.
+#[cfg(feature = "onnx")]
+mod same_bytes {
+    use super::*;
+    use crate::common::{on_disk, rendered};
+    use serde_json::json;
+
+    /// Its depth is the brightness.
+    const MODEL: &str = "--prior-model grey.onnx --model-profile fastdepth -q";
+
+    fn assert_same(place: &Place, scored: &str, refined: &str) {
+        let (scored, refined) = (place.maps(scored), place.maps(refined));
+        assert!(scored.len() == 2 && scored.iter().all(|(map, bytes)| refined[map] == *bytes));
+    }
+
+    #[test]
+    fn one_photograph() {
+        let place = Place::new();
+        place.take(fixture("grey_nchw.onnx"), "grey.onnx");
+        place.take("image.png", "data/room/color.png");
+        place.take("depth.npy", "data/room/depth.npy");
+        let camera = place.scene.camera;
+        let about = json!({ "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy }).to_string();
+        place.write("data/room/scene.json", &about);
+        place.write("intrinsics.json", &about);
+        place.run(&format!("eval data --methods default,fast {MODEL} -o scored"));
+        for preset in ["default", "fast"] {
+            let refine = format!("refine data/room/color.png --intrinsics intrinsics.json --preset {preset}");
+            place.run(&format!("{refine} {MODEL} -o {preset}"));
+            assert_same(&place, &format!("scored/scenes/room/{preset}"), preset);
+        }
+    }
+
+    #[test]
+    fn several_photographs_with_poses() {
+        let room = rendered(Room::Study, 3, [64, 48]);
+        let place = on_disk(&room);
+        copy(&place.path("images"), &place.path("data/room/images"));
+        write_png16(place.path("data/room/truth.png"), room.truth.view(), 1000.0).unwrap();
+        let mut capture = place.json("transforms.json");
+        capture["frames"][0]["depth_file_path"] = json!("truth.png");
+        place.write("data/room/transforms.json", capture.to_string());
+        place.write("data/room/scene.json", "{}");
+        place.run(&format!("eval data --dataset posed --methods multi-view:quick.toml {MODEL} -o scored"));
+        let refine = "refine data/room/images/0.png --views data/room/transforms.json --config quick.toml --unit capture";
+        place.run(&format!("{refine} {MODEL} -o several"));
+        assert_same(&place, "scored/scenes/room/quick", "several");
     }
 }

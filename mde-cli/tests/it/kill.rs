@@ -1,41 +1,29 @@
 //! Whenever a run is killed, its output is the old one or the new one; an evaluation continues to the same bytes.
 
-use crate::common::{Course, Place, REFINE, copy, names, send, tiny};
+use crate::common::{Place, REFINE, copy, fixture, names, send, tiny};
 use glob::glob;
-use mde_cli::mde_prior::format::{ReadOptions, read_values};
-use std::collections::BTreeMap;
+use serde_json::Value;
 use std::fs;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-const MOMENTS: u32 = 12;
 const SIGNALS: [&str; 4] = ["KILL", "TERM", "KILL", "QUIT"];
 
 #[test]
 fn a_refinement_killed_at_any_moment_leaves_old_or_new() {
     let place = Place::new();
-    place.write("tiny.toml", tiny(&[("iterations = 2", "iterations = 4"), ("steps = 60", "steps = 20")]));
-    let refine = format!("{REFINE} --force");
-    place.run(&format!("{refine} --seed 7 -o old"));
-    let course = Course::of(&place, &format!("{refine} -o new"));
-    let maps =
-        |folder: &str| ["depth", "sigma", "prior"].map(|map| place.bytes(&format!("{folder}/{map}.npy")));
-    let (old, new) = (maps("old"), maps("new"));
-    assert!(old != new);
-    let mut killed = 0;
-    for moment in 0..MOMENTS {
-        copy(&place.path("old"), &place.path("out"));
-        let signal = SIGNALS[moment as usize % 4];
-        killed += u32::from(course.kill(&place, &format!("{refine} -o out"), moment, MOMENTS, signal));
-        let left = maps("out");
-        assert!(left == old || left == new, "moment {moment}: neither the old maps nor the new ones");
-        assert_eq!(names(&place.path("out")), names(&place.path("old")), "moment {moment}");
-        fs::remove_dir_all(place.path("out")).unwrap();
+    place.write("tiny.toml", tiny(20, 4));
+    place.run(&format!("{REFINE} --seed 7 -o old"));
+    for moment in 0..12 {
+        copy(&place.path("old"), &place.path(&format!("out{moment}")));
     }
-    assert!(killed >= MOMENTS / 4, "{killed} killed");
+    let old = place.maps("old");
+    place.kill_at_moments(&format!("{REFINE} --force"), 12, &SIGNALS, |out, _| {
+        let (left, new) = (place.maps(out), place.maps("whole"));
+        assert!(old != new);
+        assert!(left == old || left == new, "{out}: neither the old maps nor the new ones");
+        assert_eq!(names(&place.path(out)), names(&place.path("old")), "{out}");
+    });
 }
 
 /// Each signal that a program can handle, as soon as the results are being written.
@@ -43,13 +31,16 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new() {
 fn an_interrupted_run_leaves_no_unfinished_files() {
     let place = Place::new();
     let unfinished = || place.entries().iter().any(|name| name.starts_with(".mde-"));
-    place.write("long.toml", tiny(&[("steps = 60", "steps = 1000000")]));
-    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 5")]));
+    place.write("long.toml", tiny(1000000, 2));
+    place.write("tiny.toml", tiny(5, 2));
+    place.write("slow.toml", "width = 1024\nheight = 1024\noutput = 'metric'\n");
+    place.take(fixture("slow.onnx"), "slow.onnx");
     let before = place.entries();
     for signal in ["INT", "TERM", "HUP", "QUIT"] {
         // A run may be finished before the signal arrives.
         let interrupted = (0..20).any(|_| {
-            let mut child = place.start(&format!("{REFINE} --export ply,glb,exr,colmap,sigma -o out"));
+            let (mut child, _lines) =
+                place.start(&format!("{REFINE} --export ply,glb,exr,colmap,sigma -o out"));
             while !unfinished() && child.try_wait().unwrap().is_none() {
                 sleep(Duration::from_millis(1));
             }
@@ -61,68 +52,50 @@ fn an_interrupted_run_leaves_no_unfinished_files() {
         });
         assert!(interrupted, "{signal} never ended a run with exit code 130");
     }
-    // Nor, in a long fit, the folders above its output.
-    for signal in ["INT", "TERM"] {
-        let mut run = Command::new(env!("CARGO_BIN_EXE_mde"))
-            .current_dir(place.path("."))
-            .args(REFINE.replace("tiny", "long").split(' '))
-            .args(["-o", "a/b/out"])
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap);
-        assert!(lines.any(|line| line.contains("fit")));
+    // Nor, in a long fit or in a network that repeats a convolution for minutes, the folders above its output.
+    let fit = REFINE.replace("tiny", "long");
+    for (run, stage, signal) in [
+        (&*fit, "\"fit\"", "INT"),
+        (&fit, "\"fit\"", "TERM"),
+        #[cfg(feature = "onnx")]
+        ("refine image.png --prior-model slow.onnx --fov 60", "\"prior\"", "INT"),
+    ] {
+        let (mut child, mut lines) = place.start(&format!("{run} --log-json -o a/b/out"));
+        assert!(lines.any(|line| line.contains(stage)), "{run}: no {stage}");
+        sleep(Duration::from_millis(200));
+        assert!(child.try_wait().unwrap().is_none(), "{run}: not slow");
         let begin = Instant::now();
-        send(&run, signal);
-        assert_eq!(run.wait().unwrap().code(), Some(130));
-        assert!(begin.elapsed() < Duration::from_secs(60));
-        assert!(lines.any(|line| line.contains("interrupted")) && place.entries() == before);
+        send(&child, signal);
+        assert_eq!(child.wait().unwrap().code(), Some(130));
+        assert!(begin.elapsed() < Duration::from_secs(60), "{run}: {:?}", begin.elapsed());
+        assert!(lines.any(|line| line.contains("interrupted")) && place.entries() == before, "{run}");
     }
-}
-
-/// All maps of an evaluation; each entry that is there is whole.
-fn entries(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    // A scene's folder holds its picture too.
-    let entries = glob(&format!("{}/scenes/[!.]*/[!.]*", root.display())).unwrap().map(Result::unwrap);
-    for entry in entries.filter(|path| path.is_dir()) {
-        let record = fs::read_to_string(entry.join("method.json")).unwrap();
-        serde_json::from_str::<serde_json::Value>(&record).unwrap();
-        for name in ["depth.npy", "sigma.npy"] {
-            let path = entry.join(name);
-            if name == "depth.npy" || path.exists() {
-                assert_eq!(read_values(&path, &ReadOptions::default()).unwrap().dim(), (48, 64));
-                found.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    found
 }
 
 #[test]
 fn an_evaluation_killed_at_any_moment_resumes_to_the_same_bytes() {
     let place = Place::new();
-    place.write("short.toml", tiny(&[("steps = 60", "steps = 10"), ("iterations = 2", "iterations = 1")]));
+    place.write("short.toml", tiny(10, 1));
     let eval = "eval --dataset rooms --size 64x48 --limit 2 --methods guided,short.toml";
-    let course = Course::of(&place, &format!("{eval} -o whole"));
-    let expected = entries(&place.path("whole"));
-    assert!(expected.len() >= 8);
-    let mut killed = 0;
-    for moment in 0..MOMENTS {
-        let root = place.path(&format!("e{moment}"));
-        let again = format!("{eval} -o e{moment}");
-        killed += u32::from(course.kill(&place, &again, moment, MOMENTS, SIGNALS[moment as usize % 4]));
-        for (name, bytes) in entries(&root) {
-            assert!(expected[&name] == bytes, "moment {moment}: {}", name.display());
+    place.kill_at_moments(eval, 12, &SIGNALS, |out, _| {
+        let whole = place.maps("whole");
+        assert!(whole.len() >= 8);
+        // What has its name is whole.
+        for (name, bytes) in place.maps(out) {
+            assert!(whole[&name] == bytes, "{out}: {name}");
         }
-        for name in ["summary.json", "eval.json"] {
-            if let Ok(text) = fs::read_to_string(root.join(name)) {
-                serde_json::from_str::<serde_json::Value>(&text).unwrap();
+        for method in glob(&format!("{}/scenes/[!.]*/[!.]*/", place.path(out).display())).unwrap() {
+            assert!(method.unwrap().join("method.json").is_file(), "{out}");
+        }
+        for record in
+            glob(&format!("{}/**/[!.]*.json", place.path(out).display())).unwrap().map(Result::unwrap)
+        {
+            if !record.display().to_string().contains("/.mde-") {
+                serde_json::from_slice::<Value>(&fs::read(record).unwrap()).unwrap();
             }
         }
-        place.run(&again);
-        assert!(entries(&root) == expected, "moment {moment}: other bytes than an unbroken run's");
-        assert_eq!(names(&root), names(&place.path("whole")), "moment {moment}");
-    }
-    assert!(killed >= MOMENTS / 4, "{killed} killed");
+        place.run(&format!("{eval} -o {out}"));
+        assert!(place.maps(out) == whole, "{out}: other bytes than an unbroken run's");
+        assert_eq!(names(&place.path(out)), names(&place.path("whole")), "{out}");
+    });
 }

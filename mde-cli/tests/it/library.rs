@@ -1,12 +1,10 @@
-//! The loop as a library: settings that take no time, a procedural room with its priors, and the calls that the tests make.
+//! The loop as a library: settings that take no time, and a procedural room with its priors.
 
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
-use mde_cli::mde_warp::PinholeCamera;
-use mde_cli::ndarray::{Array2, Array3, ArrayView3};
+use mde_cli::ndarray::{Array2, Array3, ArrayView2, ArrayView3};
 use mde_cli::scene::camera::{CameraSource, KnownCamera};
 use mde_cli::scene::{Photograph, Scene};
-use mde_cli::several::prepared::PreparedScene;
-use mde_cli::{Config, Event, Preset, Refinement, Stages};
+use mde_cli::{Config, Event, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use std::ops::ControlFlow;
@@ -14,42 +12,19 @@ use std::ops::ControlFlow;
 pub(crate) const WIDTH: usize = 64;
 pub(crate) const HEIGHT: usize = 48;
 
-/// Two short iterations. An estimated variance of the prior would be 0 here and leave the prior, whatever the field.
-pub(crate) const TINY: &str = "\
-[refinement]
-iterations = 2
-order = 'paper'
-[views]
-count = 3
-[novel]
-count = 2
-[nerf.field]
-kind = 'hash'
-levels = 4
-log2-rows = 10
-finest = 64
-width = 16
-[nerf.train]
-steps = 60
-rays = 128
-warm-up = 4
-learning-rate = 1e-2
-[nerf.sampling]
-coarse = 8
-fine = 8
-[nerf.render]
-coarse = 8
-fine = 8
-[fusion]
-prior-variance = 'fixed-relative'
-";
-
-/// The settings with others in their place.
-pub(crate) fn tiny(changes: &[(&str, &str)]) -> String {
-    changes.iter().fold(TINY.to_owned(), |text, (from, to)| {
-        assert!(text.contains(from), "{from}");
-        text.replace(from, to)
-    })
+/// Short iterations. An estimated variance of the prior would be 0 here and leave the prior, whatever the field.
+pub(crate) fn tiny(steps: usize, iterations: usize) -> String {
+    format!(
+        "refinement = {{ iterations = {iterations}, order = 'paper' }}
+views.count = 3
+novel.count = 2
+nerf.field = {{ kind = 'hash', levels = 4, log2-rows = 10, finest = 64, width = 16 }}
+nerf.train = {{ steps = {steps}, rays = 128, warm-up = 4, learning-rate = 1e-2 }}
+nerf.sampling = {{ coarse = 8, fine = 8 }}
+nerf.render = {{ coarse = 8, fine = 8 }}
+fusion.prior-variance = 'fixed-relative'
+"
+    )
 }
 
 /// A preset with settings in TOML over it.
@@ -107,35 +82,8 @@ pub(crate) fn go_on(_: &Event) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// One photograph through the library.
-pub(crate) fn refine(
-    (image, camera): (ArrayView3<'_, f32>, &PinholeCamera),
-    stages: Stages<'_>,
-    config: &Config,
-    watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
-) -> mde_cli::Result<Refinement> {
-    mde_cli::refine(image, camera, stages, config, &mut |event: &Event| watch(event))
-}
-
-/// Several photographs through the library.
-pub(crate) fn refine_several(
-    scene: &Scene,
-    stages: Stages<'_>,
-    config: &Config,
-    watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
-) -> mde_cli::Result<Refinement> {
-    mde_cli::refine_several(scene, stages, config, &mut |event: &Event| watch(event))
-}
-
-/// What the photographs share, made once.
-pub(crate) fn prepare<'a>(scene: &'a Scene, prior: &Known, config: &'a Config) -> PreparedScene<'a> {
-    PreparedScene::new(scene, &Stages::new(prior), config, &mut go_on).unwrap()
-}
-
-pub(crate) fn refine_prepared(
-    prepared: &mut PreparedScene<'_>,
-    index: usize,
-    prior: &Known,
-) -> mde_cli::Result<Refinement> {
-    prepared.refine(index, Stages::new(prior), &mut go_on)
+/// `a / b` where both are known.
+pub(crate) fn ratios<'a>(a: ArrayView2<'a, f32>, b: &'a Array2<f32>) -> impl Iterator<Item = f64> + 'a {
+    let known = a.into_iter().zip(b).filter(|(a, b)| **a > 0.0 && **b > 0.0);
+    known.map(|(a, b)| f64::from(a / b))
 }

@@ -2,24 +2,17 @@
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic)]
 
 mod library;
-mod loop_properties;
-mod pipeline;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 mod processors;
+mod refinement;
 mod several;
 
-#[cfg(all(feature = "program", unix))]
-mod attacks;
 #[cfg(feature = "program")]
 mod capture;
 #[cfg(feature = "program")]
 mod cases;
 #[cfg(feature = "program")]
 mod common;
-#[cfg(feature = "program")]
-mod content;
-#[cfg(feature = "program")]
-mod error_bars;
 #[cfg(feature = "program")]
 mod evaluation;
 #[cfg(feature = "program")]
@@ -31,11 +24,7 @@ mod many;
 #[cfg(feature = "program")]
 mod outputs;
 #[cfg(feature = "program")]
-mod report;
-#[cfg(feature = "program")]
 mod resources;
-#[cfg(all(feature = "program", feature = "onnx"))]
-mod same_bytes;
 #[cfg(all(feature = "program", target_os = "linux"))]
 mod surroundings;
 #[cfg(feature = "program")]

@@ -1,6 +1,6 @@
 //! `mde refine` on many photographs: each as a run of its own would have it, resumed after a kill, in shards.
 
-use crate::common::{Course, Place, calibrations, fixture, names};
+use crate::common::{Place, calibrations, finished, fixture, names};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use mde_cli::mde_prior::format::write_depth_png;
@@ -8,12 +8,9 @@ use mde_cli::mde_prior::photo::write_image;
 use mde_eval::scene::{Room, room};
 use ndarray::{ArrayView3, s};
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 
-const MAPS: [&str; 6] = ["depth.npy", "sigma.npy", "prior.npy", "depth.png", "confidence.png", "preview.png"];
-const MOMENTS: u32 = 8;
 const MODEL: &str = "--prior-model grey.onnx --model-profile fastdepth --fov 60";
 
 /// `shots/` with photographs of rooms, and `grey.onnx`: depth by the brightness.
@@ -28,15 +25,11 @@ fn place(count: usize) -> Place {
     place
 }
 
-fn maps(place: &Place, folder: &str) -> [Vec<u8>; 6] {
-    MAPS.map(|name| place.bytes(&format!("{folder}/{name}")))
-}
-
-/// The maps of each finished photograph.
-fn all(place: &Place, out: &str) -> BTreeMap<String, [Vec<u8>; 6]> {
-    let folders = names(&place.path(out)).into_iter();
-    let folders = folders.filter(|name| !name.starts_with('.') && place.path(out).join(name).is_dir());
-    folders.map(|name| (name.clone(), maps(place, &format!("{out}/{name}")))).collect()
+/// The folders of finished photographs.
+fn folders(place: &Place, out: &str) -> Vec<String> {
+    let mut folders = names(&place.path(out));
+    folders.retain(|name| !name.starts_with('.') && place.path(out).join(name).is_dir());
+    folders
 }
 
 /// The rows of an index without the seconds.
@@ -46,53 +39,48 @@ fn rows(place: &Place, out: &str) -> Vec<Value> {
     rows
 }
 
-fn finished(told: &str) -> usize {
-    told.matches("finished before").count()
-}
-
 #[test]
 fn each_photograph_is_as_a_run_of_its_own_has_it() {
     let place = place(4);
-    let refine = format!("refine shots {MODEL} -o out");
-    place.run(&refine);
-    let found = all(&place, "out");
-    assert_eq!(found.keys().collect::<Vec<_>>(), ["00", "01", "02", "03"]);
+    let refine = format!("refine shots {MODEL} --interval 0.8 -o out");
+    place.prints(&refine, 0, "lower.npy and upper.npy in each folder: 80 % interval\nwrote ");
+    let found = place.maps("out");
     let page = place.text("out/index.html");
-    for (name, maps_of) in &found {
-        place.run(&format!("refine shots/{name}.png {MODEL} -q -o one{name}"));
-        assert!(maps(&place, &format!("one{name}")) == *maps_of, "{name}");
-        assert_eq!(
-            place.text(&format!("out/{name}/config.toml")),
-            place.text(&format!("one{name}/config.toml"))
-        );
-        assert!(page.contains(&format!("href=\"{name}/report.html\"")));
-        assert!(page.contains(&format!("src=\"{name}/thumbnail.png\"")));
+    for name in ["00", "01", "02", "03"] {
+        place.run(&format!("refine shots/{name}.png {MODEL} --interval 0.8 -q -o one/{name}"));
+        let config = |folder: &str| place.text(&format!("{folder}/{name}/config.toml"));
+        assert_eq!(config("out"), config("one"));
         assert!(place.has(&format!("out/{name}/thumbnail.png")));
+        let links = [format!("href=\"{name}/report.html\""), format!("src=\"{name}/thumbnail.png\"")];
+        assert!(links.iter().all(|link| page.contains(link)), "{name}");
     }
+    let mut without_thumbnails = found.clone();
+    without_thumbnails.retain(|file, _| !file.ends_with("thumbnail.png"));
+    assert!(place.maps("one") == without_thumbnails && found.contains_key("03/upper.npy"));
     let table = place.text("out/index.csv");
     assert_eq!((table.lines().count(), table.matches(",done,").count()), (5, 4));
     let row = &rows(&place, "out")[0];
-    assert_eq!((row["width"].as_u64(), row["camera"].as_str()), (Some(64), Some("field-of-view")));
+    assert!(row["width"] == 64 && row["camera"] == "field-of-view", "{row}");
     assert!(row["sigma"].as_f64().unwrap() > 0.0 && row["median_depth"].as_f64().unwrap() > 0.0);
-    let [said, _] = place.told(&format!("refine shots {MODEL} --interval 0.8 -o intervals"), 0);
-    assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval\nwrote "), "{said}");
-    assert!(place.has("intervals/03/upper.npy"));
 
     // Emptied, cut or removed maps are made again.
     place.write("out/00/depth.npy", "");
-    let cut = place.bytes("out/01/sigma.npy");
+    let cut = &found["01/sigma.npy"];
     place.write("out/01/sigma.npy", &cut[..cut.len() / 2]);
     fs::remove_file(place.path("out/02/depth.npy")).unwrap();
-    let [said, _] = place.told(&refine, 0);
-    assert!(said.contains("3 refined, 1 finished before") && all(&place, "out") == found, "{said}");
+    place.prints(&refine, 0, "3 refined, 1 finished before");
+    assert!(place.maps("out") == found);
 
     // Again: nothing to do. One changed, one more, one gone, other settings: as much as that.
     assert_eq!(finished(&place.run(&refine)), 4);
     place.take("shots/03.png", "shots/01.png");
     fs::rename(place.path("shots/02.png"), place.path("shots/09.png")).unwrap();
     assert_eq!(finished(&place.run(&refine)), 2);
-    let again = all(&place, "out");
-    assert!(again["01"] == found["03"] && again["09"] == found["02"] && again["00"] == found["00"]);
+    let again = place.maps("out");
+    for (now, before) in [("00", "00"), ("01", "03"), ("09", "02")] {
+        let same = |map: &str| again[&format!("{now}/{map}.npy")] == found[&format!("{before}/{map}.npy")];
+        assert!(["depth", "sigma", "prior"].into_iter().all(same), "{now}");
+    }
     assert_eq!(rows(&place, "out").len(), 4);
     assert_eq!(finished(&place.run(&format!("{refine} --seed 5"))), 0);
     // A calibration counts by its values.
@@ -125,21 +113,18 @@ fn what_fails_is_a_row_and_the_others_are_refined() {
     place.write("list.txt", "# more\nodd , name?.png\nabsent.png\n");
     // Names twice, names that collide, a list.
     let run = format!("refine shots shots/01.png other list.txt {MODEL} -o out");
-    let [said, told] = place.told(&run, 3);
-    assert!(told.contains("2 of the runs failed"), "{told}");
-    assert!(said.contains("6 photographs: 4 refined, 0 finished before, 2 failed"), "{said}");
+    let words = "2 of the runs failed ; 6 photographs: 4 refined, 0 finished before, 2 failed";
+    place.prints(&run, 3, words);
     let rows = rows(&place, "out");
-    let failed: Vec<(&str, &str)> =
-        rows.iter().filter_map(|row| Some((row["photograph"].as_str()?, row["error"].as_str()?))).collect();
-    assert_eq!(failed.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["shots/broken.jpg", "absent.png"]);
-    assert!(failed[0].1.contains("no readable image"), "{failed:?}");
-    assert!(failed[1].1.contains("no such photograph"), "{failed:?}");
-    assert_eq!(all(&place, "out").keys().collect::<Vec<_>>(), ["00", "00_2", "01", "odd___name_"]);
+    let failed = rows.iter().filter_map(|row| Some([row["photograph"].as_str()?, row["error"].as_str()?]));
+    let [[broken, unreadable], [absent, missing]] = failed.collect::<Vec<_>>().try_into().unwrap();
+    assert_eq!([broken, absent], ["shots/broken.jpg", "absent.png"]);
+    assert!(unreadable.contains("no readable image") && missing.contains("no such photograph"), "{rows:?}");
+    assert_eq!(folders(&place, "out"), ["00", "00_2", "01", "odd___name_"]);
     // Mended, it is refined; the others are kept.
     place.take("shots/01.png", "shots/broken.jpg");
     place.take("shots/01.png", "absent.png");
-    let [said, _] = place.told(&run, 0);
-    assert!(said.contains("2 refined, 4 finished before"), "{said}");
+    place.prints(&run, 0, "2 refined, 4 finished before");
     let mut piped = place.mde(&format!("refine - {MODEL} -o piped"));
     let piped = piped.write_stdin("shots/00.png\n\nshots/01.png\n").assert().success();
     let said = String::from_utf8_lossy(&piped.get_output().stdout).into_owned();
@@ -148,37 +133,29 @@ fn what_fails_is_a_row_and_the_others_are_refined() {
 
 #[test]
 fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
-    const COUNT: usize = 4;
-    let place = place(COUNT);
-    let refine = |out: &str| format!("refine shots {MODEL} -o {out}");
-    let course = Course::of(&place, &refine("whole"));
-    let expected = all(&place, "whole");
-    let (mut killed, mut kept, mut indexed) = (0, 0, 0);
-    for moment in 0..MOMENTS {
-        let out = format!("out{moment}");
-        let signal = if moment.is_multiple_of(3) { "TERM" } else { "KILL" };
-        killed += u32::from(course.kill(&place, &refine(&out), moment, MOMENTS, signal));
-        if place.has(&out) {
-            // What has its name is whole.
-            let left = all(&place, &out);
+    let place = place(4);
+    let refine = format!("refine shots {MODEL}");
+    let (mut kept, mut indexed) = (0, 0);
+    place.kill_at_moments(&refine, 8, &["TERM", "KILL", "KILL"], |out, signal| {
+        if place.has(out) {
+            let left = folders(&place, out);
             kept += left.len();
-            for (name, maps) in &left {
-                assert!(*maps == expected[name], "moment {moment}: {name}");
+            // What has its name is whole.
+            for name in &left {
+                let maps = |folder: &str| place.maps(&format!("{folder}/{name}"));
+                assert!(maps(out) == maps("whole"), "{out}: {name}");
             }
             // The index names no photograph that is not finished; of a run that could end by itself, all that are.
-            let listed = listed(&place, &out);
-            assert!(listed.iter().all(|name| left.contains_key(name)), "moment {moment}: {listed:?}");
+            let listed = listed(&place, out);
+            assert!(listed.iter().all(|name| left.contains(name)), "{out}: {listed:?}");
+            assert!(signal == "KILL" || listed.len() == left.len(), "{out}: {listed:?}");
             indexed += listed.len();
-            if signal == "TERM" {
-                assert_eq!(listed.len(), left.len(), "moment {moment}");
-            }
         }
-        place.run(&refine(&out));
-        assert!(all(&place, &out) == expected, "moment {moment}: other bytes than an unbroken run's");
-        assert_eq!(names(&place.path(&out)), names(&place.path("whole")), "moment {moment}");
-    }
-    assert!(killed >= MOMENTS / 4 && kept >= 2, "{killed} killed, {kept} kept");
-    assert!(indexed > 0 && indexed < COUNT * MOMENTS as usize, "{indexed} rows");
+        place.run(&format!("{refine} -o {out}"));
+        assert!(place.maps(out) == place.maps("whole"), "{out}: other bytes than an unbroken run's");
+        assert_eq!(names(&place.path(out)), names(&place.path("whole")), "{out}");
+    });
+    assert!(kept >= 2 && indexed > 0 && indexed < 32, "{kept} kept, {indexed} rows");
 }
 
 /// The folders of the photographs in `index.csv`, if there is one.
@@ -197,8 +174,7 @@ fn shards_and_a_plain_run_are_as_one_run() {
     place.take("shots/01.png", "more/00.png");
     let refine = |photographs: &str, more: &str| format!("refine {photographs} {MODEL} {more}");
     place.run(&refine("shots more", "-q -o whole"));
-    let expected = all(&place, "whole");
-    assert_eq!(expected.len(), 7);
+    assert_eq!(folders(&place, "whole").len(), 7);
     for photographs in ["more shots", "shots more"] {
         // What a killed shard leaves.
         fs::create_dir_all(place.path("parts/.mde-left")).unwrap();
@@ -206,12 +182,12 @@ fn shards_and_a_plain_run_are_as_one_run() {
             place.run(&refine(photographs, &format!("-q --shard {shard} -o parts")));
             assert!(!place.has("parts/index.csv") || photographs == "shots more");
         }
-        let parts = all(&place, "parts").len();
+        let parts = folders(&place, "parts").len();
         assert!(parts == 7 || (1..7).contains(&parts) && photographs == "more shots", "{parts}");
         // What is missing, and the index of all.
         assert_eq!(finished(&place.run(&refine(photographs, "-o parts"))), parts);
     }
-    assert!(all(&place, "parts") == expected);
+    assert!(place.maps("parts") == place.maps("whole"));
     assert_eq!(rows(&place, "parts"), rows(&place, "whole"));
     assert_eq!(names(&place.path("parts")), names(&place.path("whole")));
 }
@@ -249,30 +225,25 @@ fn compressed_metadata_take_little_memory() {
 fn a_pattern_names_photographs_where_no_shell_expands_it() {
     let place = place(3);
     place.write("shots/notes.txt", "not a photograph");
-    place.take("shots/00.png", "=cmd.png");
-    place.write("list.txt", "shots/0[12].png\n*.png\n");
+    place.write("list.txt", "shots/0[12].png\nima*.png\n");
     let log = place.run(&format!("refine shots/*0.png list.txt {MODEL} --log-json -o many"));
     let rows = rows(&place, "many");
     let named: Vec<&str> = rows.iter().map(|row| row["photograph"].as_str().unwrap()).collect();
-    assert_eq!(named, ["shots/00.png", "shots/01.png", "shots/02.png", "=cmd.png", "image.png"]);
-    // A spreadsheet runs no name.
-    let table = place.text("many/index.csv");
-    assert!(table.contains("\n'=cmd.png,_cmd,"), "{table}");
+    assert_eq!(named, ["shots/00.png", "shots/01.png", "shots/02.png", "image.png"]);
 
     // Each photograph but the last has the time that is left.
     let events = log.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
     let events: Vec<Value> = events.filter(|event| event["event"] == "photograph").collect();
-    assert_eq!(events.len(), 5);
+    assert_eq!(events.len(), 4);
     for (done, event) in events.iter().enumerate() {
-        assert_eq!((&event["done"], &event["all"]), (&(done + 1).into(), &5.into()));
+        assert!(event["done"] == done + 1 && event["all"] == 4, "{event}");
         let left = event["seconds_left"].as_f64();
         // The mean time of those that are done, for each of the others.
-        let most = event["seconds"].as_f64().unwrap() * (4 - done) as f64 / (done + 1) as f64;
+        let most = event["seconds"].as_f64().unwrap() * (3 - done) as f64 / (done + 1) as f64;
         let fits = left.is_some_and(|seconds| seconds > 0.0 && seconds <= most + 1e-3);
-        assert!(if done < 4 { fits } else { left.is_none() }, "{event}");
+        assert!(if done < 3 { fits } else { left.is_none() }, "{event}");
     }
-    place.refused(&format!("refine shots {MODEL}"), &["-o: give a folder"]);
-    place.refused(&format!("refine shots/0.* {MODEL} -o out"), &["shots/0.*: no photograph (jpg"]);
+    place.refused(&format!("refine shots {MODEL}"), "-o: give a folder");
 }
 
 /// `burst/`: a room at four exposures, which the network takes for four depths, one of them cropped; and another room.
@@ -297,8 +268,7 @@ fn the_same_scale_is_found_recorded_and_resumed() {
     let refine = |more: &str, out: &str| format!("refine burst {MODEL} --predictions 1 {more} -o {out}");
     place.run(&refine("", "plain"));
     let same = refine("--same-scale", "out");
-    let text = place.run(&same);
-    assert!(text.contains("1 of 5 photographs: --same-scale: matches no other photograph"), "{text}");
+    place.prints(&same, 0, "1 of 5 photographs: --same-scale: matches no other photograph");
 
     // The photographs of one room get the factors of their exposures, with a mean of 1. Cropped, with the same field of view, a room is
     // nearer.
@@ -327,17 +297,16 @@ fn the_same_scale_is_found_recorded_and_resumed() {
     }
 
     // Shards on one thread, and a run that is continued, have the same bytes.
-    let expected = all(&place, "out");
+    let expected = place.maps("out");
     for shard in ["1/2", "2/2"] {
         place.run(&refine(&format!("--same-scale --threads 1 -q --shard {shard}"), "parts"));
     }
-    assert!(all(&place, "parts") == expected);
+    assert!(place.maps("parts") == expected);
     fs::remove_file(place.path("out/b/finished.json")).unwrap();
-    let [said, _] = place.told(&same, 0);
-    assert!(said.contains("1 refined, 4 finished before") && all(&place, "out") == expected, "{said}");
+    place.prints(&same, 0, "1 refined, 4 finished before");
+    assert!(place.maps("out") == expected);
 
     // One that can't be read is a row; without another the factors are others, and only they are refined again.
     place.write("burst/c.png", "no picture");
-    let [said, _] = place.told(&same, 3);
-    assert!(said.contains("3 refined, 1 finished before, 1 failed"), "{said}");
+    place.prints(&same, 3, "3 refined, 1 finished before, 1 failed");
 }

@@ -1,9 +1,8 @@
 //! The same bytes on processors with other vectors: the tests run themselves within qemu-user.
 
-use crate::library::{config, go_on, inputs, refine, refine_several, rendered, tiny};
+use crate::library::{config, go_on, inputs, rendered, tiny};
 use mde_cli::mde_uncertainty::GaussianDepth;
-use mde_cli::scene::Scene;
-use mde_cli::{Preset, Stages};
+use mde_cli::{Preset, Stages, refine, refine_several};
 use mde_eval::scene::Room;
 use std::fs;
 use std::path::Path;
@@ -18,18 +17,16 @@ const PROCESSORS: [&str; 2] = ["qemu64", "Haswell-noTSX,-pcid,-x2apic,-tsc-deadl
 fn small_runs() -> [(&'static str, GaussianDepth); 3] {
     let (capture, prior) = inputs(&rendered(Room::Study, 2, [64, 48]), true);
     let alone = |text: &str| {
-        let Scene { photographs, reference, .. } = &capture;
-        let photograph = &photographs[*reference];
-        let one = (photograph.image.view(), &photograph.camera.camera);
-        refine(one, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
+        let photograph = &capture.photographs[capture.reference];
+        let (image, camera) = (photograph.image.view(), &photograph.camera.camera);
+        refine(image, camera, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
     };
-    let short = tiny(&[("steps = 60", "steps = 4"), ("iterations = 2", "iterations = 1")]);
+    let short = tiny(4, 1);
     let hash = alone(&short);
-    let grids = "kind = 'hash'\nlevels = 4\nlog2-rows = 10\nfinest = 64";
-    let mlp = alone(&short.replace(grids, "kind = 'mlp'\nlayers = 2"));
-    let (_, field) = short.split_once("[nerf.field]").unwrap();
-    let (field, _) = field.split_once("[fusion]").unwrap();
-    let config = config(Preset::MultiView, &format!("[nerf.field]{field}"));
+    let grids = "kind = 'hash', levels = 4, log2-rows = 10, finest = 64";
+    let mlp = alone(&short.replace(grids, "kind = 'mlp', layers = 2"));
+    let field: Vec<&str> = short.lines().filter(|line| line.starts_with("nerf.")).collect();
+    let config = config(Preset::MultiView, &field.join("\n"));
     let several = refine_several(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
     assert_eq!(several.capture.as_ref().unwrap().fallback, None);
     for (name, refined) in [("hash", &hash), ("MLP", &mlp), ("several", &several)] {

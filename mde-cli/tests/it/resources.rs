@@ -1,7 +1,6 @@
 //! Sizes, and the estimates of memory against the peaks of runs, where the system reports them.
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, config, shared, tiny};
-use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::refiner::plan::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
@@ -18,7 +17,7 @@ fn large(place: &Place, width: usize, height: usize) {
     let depth =
         Array2::from_shape_fn((height, width), |(y, x)| small.depth[from(y, x)] + 1e-4 * (x + 2 * y) as f32);
     write_image(place.path("large.png"), image.view()).unwrap();
-    write_npy(place.path("large.npy"), depth.view()).unwrap();
+    place.save("large.npy", &depth);
 }
 
 const LARGE: &str = "refine large.png --prior-depth large.npy";
@@ -29,8 +28,8 @@ fn what_is_too_large_is_resized_with_its_prior_camera_and_truth() {
     large(&place, 256, 192);
     place.write("k.json", r#"{"fx": 200, "fy": 210, "cx": 127.5, "cy": 95.5, "width": 256, "height": 192}"#);
     let resized = "--gt large.npy --intrinsics k.json --max-size 64 --config tiny.toml -o out";
-    let said = place.run(&format!("{LARGE} {resized}"));
-    assert!(said.contains("warning: resized from 256x192 to 64x48 pixels; --max-size sets this"), "{said}");
+    let words = "warning: resized from 256x192 to 64x48 pixels; --max-size sets this";
+    place.prints(&format!("{LARGE} {resized}"), 0, words);
     let (prior, whole) = (place.map("out/prior.npy"), place.map("large.npy"));
     assert_eq!([prior.dim(), place.map("out/depth.npy").dim()], [(HEIGHT, WIDTH); 2]);
     // Depths are picked, never mixed.
@@ -41,7 +40,7 @@ fn what_is_too_large_is_resized_with_its_prior_camera_and_truth() {
     place.run("warp large.png --prior-depth large.npy --fov 60 --max-size 64 -o views");
     assert_eq!(place.map("views/depth_01.npy").dim(), (HEIGHT, WIDTH));
     // What fits is left alone.
-    assert!(!place.run(&format!("{REFINE} --max-size 64 -o same")).contains("resized"));
+    place.prints(&format!("{REFINE} --max-size 64 -o same"), 0, "!resized");
 }
 
 /// The estimate is above the peak, but not far above: of views and pixels, of the rays of a step, the network and the grid.
@@ -49,10 +48,9 @@ fn what_is_too_large_is_resized_with_its_prior_camera_and_truth() {
 fn the_estimate_bounds_what_a_run_takes() {
     let place = Place::new();
     large(&place, 640, 480);
-    let quick =
-        tiny(&[("steps = 60", "steps = 5"), ("iterations = 2", "iterations = 1"), ("= 8\n", "= 2\n")]);
+    let quick = tiny(5, 1).replace("{ coarse = 8, fine = 8 }", "{ coarse = 2, fine = 2 }");
     for (name, count) in [("few", 1), ("many", 20)] {
-        let text = quick.replace("[views]\ncount = 3", &format!("[views]\ncount = {count}"));
+        let text = quick.replace("views.count = 3", &format!("views.count = {count}"));
         place.write("quick.toml", &text);
         place.run(&format!("{LARGE} --fov 60 --config quick.toml -q -o {name}"));
         let Some(peak) = place.record(name)["peak_memory_bytes"].as_u64() else { return };
@@ -147,12 +145,11 @@ fn an_evaluation_fails_only_where_its_scenes_are_too_large() {
     }
     let scenes = || crate::common::names(&place.path("e/scenes"));
     let eval = "eval set --prior-depth priors --methods guided --quiet -o e";
-    let [_, told] = place.told(&format!("{eval} --max-memory 0.15"), 3);
-    let words = ["b:", "640x480", "--max-memory 0.15", "give --size"];
-    assert!(words.iter().all(|part| told.contains(part)), "{told}");
+    let words = "b: ; 640x480 ; --max-memory 0.15 ; give --size";
+    place.prints(&format!("{eval} --max-memory 0.15"), 3, words);
     assert_eq!(scenes(), ["a"]);
     // What is refused at once leaves what is there.
-    place.refused(&format!("{eval} --size 9999x9999 --force"), &["9999x9999"]);
+    place.refused(&format!("{eval} --size 9999x9999 --force"), "9999x9999");
     assert_eq!(scenes(), ["a"]);
     place.run(eval);
     assert_eq!(scenes(), ["a", "b"]);
@@ -163,7 +160,7 @@ fn an_evaluation_fails_only_where_its_scenes_are_too_large() {
 #[cfg(target_os = "linux")]
 fn the_estimate_bounds_what_an_evaluation_takes() {
     let place = Place::new();
-    let text = tiny(&[("steps = 60", "steps = 5"), ("= 8\n", "= 2\n")]);
+    let text = tiny(5, 2).replace("{ coarse = 8, fine = 8 }", "{ coarse = 2, fine = 2 }");
     place.write("quick.toml", &text);
     let (eval, ablate) = (Some(config(Preset::Default, &text)), config(Preset::Paper, &text));
     let seeds = [0, 1].map(|seed| Some(Config { seed, ..ablate.clone() }));
@@ -174,7 +171,8 @@ fn the_estimate_bounds_what_an_evaluation_takes() {
         ("eval --methods quick.toml --limit 2 --jobs 2 --threads 2", &[None, eval], false, 2),
         ("ablate --rows full --seeds 2 --limit 1 --config quick.toml", &shared, true, 1),
     ] {
-        let mut run = place.start(&format!("{arguments} --dataset rooms --size 320x240 --quiet -o out"));
+        let (mut run, _lines) =
+            place.start(&format!("{arguments} --dataset rooms --size 320x240 --quiet -o out"));
         let status = format!("/proc/{}/status", run.id());
         let mut peak = 0;
         while run.try_wait().unwrap().is_none() {

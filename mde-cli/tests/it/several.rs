@@ -1,24 +1,19 @@
 //! Several photographs through the library: a procedural room with exact depth and poses.
 
-use crate::library::{Known, config, go_on, inputs, prepare, refine_prepared, refine_several, rendered};
+use crate::library::{Known, config, go_on, inputs, ratios, rendered};
 use mde_cli::config::Order;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
-use mde_cli::ndarray::{Array2, Array3};
+use mde_cli::ndarray::{Array2, Array3, ArrayView2};
 use mde_cli::scene::known::KnownDepth;
 use mde_cli::scene::{Photograph, Scene};
-use mde_cli::{Config, Event, Preset, Refinement, Stages};
-use mde_eval::capture::Capture as Rendered;
+use mde_cli::several::prepared::PreparedScene;
+use mde_cli::{Config, Event, Preset, Refinement, Stages, refine_several};
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 
-const WIDTH: usize = 128;
-const HEIGHT: usize = 96;
-
-fn room(room: Room, views: usize) -> Rendered {
-    rendered(room, views, [WIDTH, HEIGHT])
-}
+const SIZE: [usize; 2] = [128, 96];
 
 fn run(capture: &Scene, prior: &Known, config: &Config) -> Refinement {
     refine_several(capture, Stages::new(prior), config, &mut go_on).unwrap()
@@ -30,31 +25,29 @@ fn short(more: &str) -> Config {
     config(Preset::MultiView, &text)
 }
 
-fn ratio(a: &Array2<f32>, b: &Array2<f32>) -> f64 {
-    let known = a.iter().zip(b).filter(|(a, b)| **a > 0.0 && **b > 0.0);
-    median(known.map(|(a, b)| f64::from(a / b))).unwrap()
+fn ratio(a: ArrayView2<'_, f32>, b: &Array2<f32>) -> f64 {
+    median(ratios(a, b)).unwrap()
 }
 
 /// As many rays per pixel as 700 steps have at 320x240, and a grid of that many cells.
 #[test]
 fn parallax_halves_the_typical_error_of_the_prior() {
-    let room = room(Room::Study, 4);
+    let room = rendered(Room::Study, 4, SIZE);
     let (capture, prior) = inputs(&room, true);
     let text = "nerf.train = { steps = 250, rays = 512 }\nnerf.field.finest = 128\n";
     let refined = run(&capture, &prior, &config(Preset::MultiView, text));
     let report = refined.capture.as_ref().unwrap();
     assert_eq!((report.fallback.as_deref(), report.used()), (None, 4));
     // The median after the median alignment: at this size edges are too coarse for a mean.
-    let typical_error = |depth: &Array2<f32>| {
+    let typical_error = |depth: ArrayView2<'_, f32>| {
         let scale = ratio(depth, &room.truth);
-        let known = depth.iter().zip(&room.truth).filter(|(d, t)| **d > 0.0 && **t > 0.0);
-        median(known.map(|(d, t)| (f64::from(d / t) / scale - 1.0).abs())).unwrap()
+        median(ratios(depth, &room.truth).map(|ratio| (ratio / scale - 1.0).abs())).unwrap()
     };
-    let depth = refined.depth.mean().to_owned();
-    let (before, after) = (typical_error(&refined.prior), typical_error(&depth));
+    let depth = refined.depth.mean();
+    let (before, after) = (typical_error(refined.prior.view()), typical_error(depth));
     assert!(after < 0.5 * before, "{after} of {before}");
     // In the unit of the prior, not of the poses: the prior's median is kept within its error.
-    let to_prior = ratio(&depth, &refined.prior);
+    let to_prior = ratio(depth, &refined.prior);
     assert!((0.8..1.25).contains(&to_prior), "{to_prior}");
 
     // Sigma is the root sum of squares of its components, each of which says something.
@@ -75,18 +68,18 @@ fn parallax_halves_the_typical_error_of_the_prior() {
     // The capture's unit is that of its poses.
     let refined = refined.in_capture_unit().unwrap();
     // Poses of a rendered room are exact and in metres, as is its truth.
-    let metres = ratio(&refined.depth.mean().to_owned(), &room.truth);
+    let metres = ratio(refined.depth.mean(), &room.truth);
     assert!((metres.ln()).abs() < 0.05, "{metres}");
     // Poses stay in the unit of the depth; one that is shifted too has none.
     let placed = |r: &Refinement| r.capture.as_ref().unwrap().photographs[1].pose.map(|rows| rows[0][3]);
     let before = placed(&refined).unwrap();
     let refined = refined.scaled(2.0, 0.0).unwrap();
     assert_eq!(placed(&refined), Some(2.0 * before));
-    let known: Vec<KnownDepth> = (0..WIDTH * HEIGHT)
-        .step_by(97)
-        .map(|i| (i % WIDTH, i / WIDTH))
-        .map(|(x, y)| (x, y, 3.0 * f64::from(refined.depth.mean()[(y, x)]) + 5.0))
-        .map(|(x, y, depth)| KnownDepth { x: x as f64, y: y as f64, depth, sigma: 0.0 })
+    let depth = refined.depth.mean();
+    let pixels = depth.indexed_iter().step_by(97);
+    let known: Vec<KnownDepth> = pixels
+        .map(|((y, x), z)| (x as f64, y as f64, 3.0 * f64::from(*z) + 5.0))
+        .map(|(x, y, depth)| KnownDepth { x, y, depth, sigma: 0.0 })
         .collect();
     let (refined, _) = refined.scaled_to(&known, false).unwrap();
     assert_eq!(placed(&refined), None);
@@ -123,7 +116,7 @@ fn photographs_that_do_not_fit_their_poses_are_left_out_by_name() {
 /// The scale between poses and prior is that of the points where there are some.
 #[test]
 fn points_of_the_capture_give_its_scale() {
-    let room = room(Room::Study, 3);
+    let room = rendered(Room::Study, 3, SIZE);
     let (mut capture, prior) = inputs(&room, true);
     let config = short("refinement.iterations = 0\n");
     let Photograph { camera, pose, .. } = capture.photographs[capture.reference].clone();
@@ -134,7 +127,7 @@ fn points_of_the_capture_give_its_scale() {
         .collect();
     let scale = |capture: &Scene| run(capture, &prior, &config).capture.unwrap().scale.unwrap()[0];
     let exact = scale(&capture);
-    let expected = ratio(&room.truth, &prior.0[0].1.to_depth(&DisparityRule::default()).unwrap());
+    let expected = ratio(room.truth.view(), &prior.0[0].1.to_depth(&DisparityRule::default()).unwrap());
     assert!((exact / expected).ln().abs() < 0.1, "{exact}, {expected}");
     // In a world of twice the size, seen from the same place, the scale is that of the points.
     let centre = back.translation.vector;
@@ -157,7 +150,7 @@ impl Fuser for FieldAlone {
 /// Eq. 10-17 in the printed order where the settings say so, or another fusion.
 #[test]
 fn the_printed_fusion_is_there_with_several_photographs() {
-    let (capture, prior) = inputs(&room(Room::Study, 3), true);
+    let (capture, prior) = inputs(&rendered(Room::Study, 3, SIZE), true);
     let text = "nerf.train = { steps = 100, rays = 256 }\nnerf.field.finest = 128\n";
     let mut config = config(Preset::MultiView, text);
     let usual = run(&capture, &prior, &config);
@@ -193,41 +186,34 @@ fn captures_that_are_none_are_refused_by_name() {
     }
 }
 
-#[test]
-fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
-    let (capture, prior) = inputs(&rendered(Room::Study, 4, [96, 72]), true);
-    let config = short("multi-view.max-views = 3\n");
-    let refine = |order: &[usize]| {
-        let mut prepared = prepare(&capture, &prior, &config);
-        assert!(refine_prepared(&mut prepared, capture.photographs.len(), &prior).is_err());
-        order.iter().map(|&index| refine_prepared(&mut prepared, index, &prior).unwrap()).collect::<Vec<_>>()
-    };
-    let (forth, back) = (refine(&[0, 1, 3]), refine(&[3, 1, 0]));
-    for (one, other) in forth.iter().zip(back.iter().rev()) {
-        assert_eq!(one.depth, other.depth);
-        assert_eq!(one.capture.as_ref().unwrap().used(), 3, "max-views");
-    }
-    assert_eq!(run(&capture, &prior, &config).depth, forth[0].depth);
-    assert_ne!(forth[1].depth, forth[0].depth);
-    // One scale for all, so that depths and poses fit each other.
-    let scale = |r: &Refinement| r.capture.as_ref().unwrap().scale.unwrap()[0].to_bits();
-    assert!(forth.iter().all(|r| scale(r) == scale(&forth[0])));
-}
-
-/// What is called used has a place in the fit and was swept, and what is called withheld was not.
+/// What is called used has a place in the fit and was swept, and what is called withheld was not; whatever was refined before.
 #[test]
 fn used_and_withheld_photographs_are_what_they_are_called() {
     let (capture, prior) = inputs(&rendered(Room::Study, 7, [96, 72]), true);
     let config = short("multi-view.max-views = 5\n");
-    let mut prepared = prepare(&capture, &prior, &config);
-    for index in 0..capture.photographs.len() {
-        let report = refine_prepared(&mut prepared, index, &prior).unwrap().capture.unwrap();
-        assert_eq!(report.fallback, None);
+    let refine = |order: &[usize]| {
+        let mut prepared = PreparedScene::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
+        let mut refine = |index: usize| prepared.refine(index, Stages::new(&prior), &mut go_on);
+        assert!(refine(capture.photographs.len()).is_err());
+        order.iter().map(|&index| refine(index).unwrap()).collect::<Vec<_>>()
+    };
+    let all = refine(&[0, 1, 2, 3, 4, 5, 6]);
+    for (refined, index) in refine(&[6, 3, 0]).iter().zip([6, 3, 0]) {
+        assert_eq!(refined.depth, all[index].depth);
+    }
+    assert_eq!(run(&capture, &prior, &config).depth, all[0].depth);
+    assert_ne!(all[1].depth, all[0].depth);
+    let scale = |refined: &Refinement| refined.capture.as_ref().unwrap().scale.unwrap()[0].to_bits();
+    for (index, refined) in all.iter().enumerate() {
+        // One scale for all, so that depths and poses fit each other.
+        assert_eq!(scale(refined), scale(&all[0]));
+        let report = refined.capture.as_ref().unwrap();
+        assert_eq!((report.fallback.as_deref(), report.used()), (None, 5), "{index}");
         for photograph in &report.photographs {
             let swept = photograph.verified.is_some();
             assert_eq!([photograph.pose.is_some(), swept], [photograph.used; 2], "{index}: {photograph:?}");
         }
-        let novel = report.novel.unwrap();
+        let novel = report.novel.as_ref().unwrap();
         let shown = &report.photographs[novel.photograph];
         assert_eq!((novel.withheld, !novel.withheld), (shown.verified.is_none(), shown.used), "{index}");
     }
@@ -238,9 +224,9 @@ fn used_and_withheld_photographs_are_what_they_are_called() {
 fn the_pose_of_the_reference_is_uncertain_to_the_others() {
     let (capture, prior) = inputs(&rendered(Room::Study, 2, [256, 192]), false);
     let config = short("");
-    let mut prepared = prepare(&capture, &prior, &config);
+    let mut prepared = PreparedScene::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
     let mut typical = |index: usize| {
-        let refined = refine_prepared(&mut prepared, index, &prior).unwrap();
+        let refined = prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap();
         assert_eq!(refined.capture.as_ref().unwrap().fallback, None);
         let poses = refined.components.iter().find(|part| part.name == "poses").unwrap();
         let relative = poses.sigma.iter().zip(refined.depth.mean()).filter(|(_, z)| **z > 0.0);
@@ -253,7 +239,7 @@ fn the_pose_of_the_reference_is_uncertain_to_the_others() {
 /// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
 #[test]
 fn any_number_of_threads_gives_the_same_bytes() {
-    let (capture, prior) = inputs(&room(Room::Study, 4), false);
+    let (capture, prior) = inputs(&rendered(Room::Study, 4, SIZE), false);
     let config = short("");
     let refine = |threads: usize, at_once: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
