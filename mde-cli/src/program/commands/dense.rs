@@ -18,9 +18,7 @@ pub(super) fn run(args: &DenseArgs) -> Result<()> {
     let prior = prior::open(&args.prior, true)?;
     let refiner = Refiner::new(&prior, of_dense(args)?)?;
     let (scene, plan) = scene::whole(&refiner, &args.camera, &args.capture, &mut progress)?;
-    let input = args.capture.display().to_string();
     let export = &args.export.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
-    let part = every::Part { shard: args.shard, force: args.run.force };
-    every::run(&job, &scene, &plan, &input, &output, part, &mut progress)
+    every::run(&job, &scene, &plan, args, &output, &mut progress)
 }

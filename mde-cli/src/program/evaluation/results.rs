@@ -10,7 +10,6 @@ use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
 use crate::program::report;
 use crate::program::report::FIGURES;
-use crate::program::store::folder::temporary_folder;
 use crate::program::terminal::line_of;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
@@ -62,26 +61,12 @@ fn written(mut results: Results, folder: &Path, progress: &mut Progress) -> Resu
         "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
         "failures": results.failures, "warnings": progress.own_warnings(), "summary": summary,
     });
-    let temporary = temporary_folder(folder)?;
-    let place = temporary.path();
     let mut scenes = Vec::new();
     csv(&results.entries, &mut scenes)?;
-    mde_prior::write_atomic(&place.join("scenes.csv"), &scenes)?;
-    mde_prior::write_atomic(&place.join("table.md"), tables.markdown().as_bytes())?;
-    write_json(&place.join("summary.json"), &value)?;
-    results.figures(place)?;
-    // Those of an earlier evaluation, whose maps had a sigma.
-    for file in FIGURES.iter().map(|(name, _)| format!("{name}.svg")) {
-        let old = folder.join(&file);
-        if !place.join(&file).exists() && old.exists() {
-            fs::remove_file(&old).with_context(|| format!("{}: can't remove it", old.display()))?;
-        }
-    }
-    for file in fs::read_dir(place).with_context(|| place.display().to_string())?.flatten() {
-        let target = folder.join(file.file_name());
-        fs::rename(file.path(), &target)
-            .with_context(|| format!("{}: can't put the results there", target.display()))?;
-    }
+    mde_prior::write_atomic(&folder.join("scenes.csv"), &scenes)?;
+    mde_prior::write_atomic(&folder.join("table.md"), tables.markdown().as_bytes())?;
+    results.figures(folder)?;
+    write_json(&folder.join("summary.json"), &value)?;
     let report = report::write(folder)?;
     let table = folder.join("table.md");
     let text = format!("{}; report: {}; tables: {}", counted(&summary), line_of(&report), line_of(&table));
@@ -127,21 +112,19 @@ impl Results {
         Document { blocks: lists.into_iter().filter(|list| !list.is_empty()).map(Block::List).collect() }
     }
 
-    /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones.
+    /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones. Without a sigma no earlier figure stays.
     fn figures(&self, folder: &Path) -> Result<()> {
         let mut names = figure::methods(&self.entries);
         names.sort_by_key(|name| name.contains(SIGMA_BY));
         names.truncate(LINES);
-        if names.is_empty() {
-            return Ok(());
-        }
-        let charts = [
-            figure::error_by_percentile(&self.entries, &names),
-            figure::sparsification(&self.entries, &names),
-            figure::reliability(&self.entries, &names),
-        ];
+        let charts = [figure::error_by_percentile, figure::sparsification, figure::reliability];
         for ((name, _), chart) in FIGURES.iter().zip(charts) {
-            chart.write(folder.join(format!("{name}.svg")))?;
+            let path = folder.join(format!("{name}.svg"));
+            if !names.is_empty() {
+                chart(&self.entries, &names).write(&path)?;
+            } else if path.exists() {
+                fs::remove_file(&path).with_context(|| format!("{}: can't remove it", path.display()))?;
+            }
         }
         Ok(())
     }

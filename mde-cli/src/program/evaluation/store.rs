@@ -4,15 +4,15 @@ use crate::program::provenance::write_json;
 use crate::program::report::PICTURE;
 use crate::program::store::entry::Entry;
 use crate::program::store::folder::{
-    NewFolder, check_own, file_name, folders_in, remove_unfinished, replace,
+    OpenFolder, check_own, file_name, folders_in, remove_unfinished, replace,
 };
-use crate::program::store::lock::{self, Lock};
+use crate::program::store::lock;
 use crate::scene::size::resized;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;
-use ndarray::{Array2, ArrayView3};
+use ndarray::ArrayView3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -36,9 +36,7 @@ pub(crate) struct Store {
     root: PathBuf,
     /// Whether other shards write into the folder.
     shared: bool,
-    // Dropped in this order: the folder can go once the lock is gone.
-    _lock: Option<Lock>,
-    _made: NewFolder,
+    _folder: OpenFolder,
 }
 
 /// A method's result for one scene, with the record of what it was computed from.
@@ -61,26 +59,14 @@ impl Store {
     /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
     /// into the folder.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
-        check_own(root, |path| path == root.join(BASIS), |_| false, BASIS)?;
-        let made = NewFolder::make(root)?;
-        let lock = if shared { None } else { Lock::take(root)? };
-        let store = Self { root: root.to_owned(), shared, _lock: lock, _made: made };
-        store.start(basis, force)?;
-        Ok(store)
-    }
-
-    fn start(&self, basis: &Value, force: bool) -> Result<()> {
-        let root = &self.root;
-        let shown = root.display();
-        let path = root.join(BASIS);
+        check_own(root, BASIS, Path::exists, |_| false)?;
+        let folder = OpenFolder::open(root, shared)?;
+        let (path, scenes, shown) = (root.join(BASIS), root.join(SCENES), root.display());
         if path.is_file() && force {
-            let scenes = root.join(SCENES);
             if scenes.exists() {
-                fs::remove_dir_all(scenes).with_context(|| shown.to_string())?;
+                fs::remove_dir_all(&scenes).with_context(|| shown.to_string())?;
             }
-            fs::remove_file(&path).with_context(|| path.display().to_string())?;
-        }
-        if path.is_file() {
+        } else if path.is_file() {
             let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
             let old: Value = serde_json::from_str(&text)
                 .with_context(|| format!("{}: broken; give --force to start over", path.display()))?;
@@ -89,18 +75,17 @@ impl Store {
                     "{shown}: contains another evaluation ({change}); give another name to -o, or --force to start over"
                 );
             }
-        } else {
+        }
+        if force || !path.is_file() {
             write_json(&path, basis)?;
         }
-        if !self.shared {
-            // What interrupted runs left.
-            remove_unfinished(root);
-            for scene in folders_in(&root.join(SCENES)) {
+        if !shared {
+            for scene in folders_in(&scenes) {
                 remove_unfinished(&scene);
                 folders_in(&scene).iter().for_each(|method| remove_unfinished(method));
             }
         }
-        Ok(())
+        Ok(Self { root: root.to_owned(), shared, _folder: folder })
     }
 
     pub(crate) fn root(&self) -> &Path {
@@ -132,20 +117,17 @@ impl Store {
     /// The stored result of a method, if there is one; an error has the reason why it can't be used, such as another `made_from`.
     pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Option<Kept>, String> {
         let folder = self.folder(scene, method);
-        let path = folder.join(RECORD);
-        if !path.is_file() {
+        if !folder.join(RECORD).is_file() {
             return Ok(None);
         }
-        let entry = Entry::<Row>::read(&folder, RECORD);
-        let entry = entry.ok_or_else(|| format!("{} is broken", path.display()))?;
+        let broken = || format!("{} is not as it was written", folder.display());
+        let entry = Entry::<Row>::read(&folder, RECORD).ok_or_else(broken)?;
         difference(&entry.made_from, made_from).map_or(Ok(()), Err)?;
-        let map = |name: &str| -> Result<Array2<f32>, String> {
-            // Read as plain values, since a sigma of zeros alone is valid.
-            decode(Format::Npy, &entry.file(&folder, name)?, &ReadOptions::default())
-                .map_err(|e| format!("{}: {e}", folder.join(name).display()))
-        };
-        let depth = map(DEPTH)?;
-        let sigma = entry.files.contains_key(Path::new(SIGMA)).then(|| map(SIGMA)).transpose()?;
+        // Read as plain values, since a sigma of zeros alone is valid.
+        let map = |name: &str| decode(Format::Npy, &entry.file(&folder, name)?, &ReadOptions::default()).ok();
+        let depth = map(DEPTH).ok_or_else(broken)?;
+        let has_sigma = entry.files.contains_key(Path::new(SIGMA));
+        let sigma = has_sigma.then(|| map(SIGMA).ok_or_else(broken)).transpose()?;
         let Entry { made_from, row: Row { seconds, report }, .. } = entry;
         Ok(Some(Kept { refined: Refined { depth, sigma, report }, made_from, seconds }))
     }
@@ -211,6 +193,7 @@ fn difference(old: &Value, new: &Value) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::Array2;
     use serde_json::json;
 
     fn entry(made_from: Value) -> Kept {

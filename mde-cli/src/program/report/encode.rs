@@ -1,15 +1,17 @@
 //! Encoding of maps, images and colours for the page.
 
+use crate::scene::size::byte;
 use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use colorous::{Gradient, MAGMA, PURPLE_ORANGE, VIRIDIS};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use mde_prior::photo::encode_rgb_png;
+use mde_prior::photo::{encode_rgb_png, read_image};
 use ndarray::{ArrayView2, ArrayView3};
 use serde_json::{Value, json};
 use std::io::Write;
+use std::path::Path;
 
 /// The sides of an embedded map, pixels, are at most this.
 pub(super) const WIDEST: usize = 640;
@@ -59,6 +61,16 @@ pub(super) fn map(map: ArrayView2<'_, f32>) -> Result<Value> {
 /// A picture as a `data:` address.
 pub(super) fn picture(pixels: ArrayView3<'_, u8>) -> Result<String> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(encode_rgb_png(pixels)?)))
+}
+
+/// A photograph, sRGB in 0 to 1, as a `data:` address.
+pub(super) fn photograph(pixels: ArrayView3<'_, f32>) -> Result<String> {
+    picture(pixels.mapv(byte).view())
+}
+
+/// The photograph in a file, where there is one.
+pub(super) fn photograph_in(path: &Path) -> Result<Option<String>> {
+    path.is_file().then(|| photograph(read_image(path)?.pixels.view())).transpose()
 }
 
 /// An SVG as a `data:` address: as an image it can neither run a script nor clash with the page's names.

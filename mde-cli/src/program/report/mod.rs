@@ -5,7 +5,6 @@ mod encode;
 mod evaluation;
 mod index;
 mod page;
-mod photographs;
 mod run;
 
 pub(crate) use evaluation::{FIGURES, PICTURE};
@@ -29,7 +28,12 @@ pub(crate) const INDEX: &str = "index.html";
 
 /// The page of all photographs of a capture.
 pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
-    photographs_page(rows, rows.len(), "preview.png", &[CLOUD, TRANSFORMS, RECORD])
+    photographs_page(
+        &rows.iter().collect::<Vec<_>>(),
+        rows.len(),
+        "preview.png",
+        &[CLOUD, TRANSFORMS, RECORD],
+    )
 }
 
 /// Writes the page of a run's or an evaluation's folder into it, atomically.
