@@ -64,7 +64,7 @@ fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
             let wanted =
                 args.rows.is_empty() || row.name == FULL || args.rows.iter().any(|name| name == row.name);
             if wanted {
-                methods.push(Method::variant(row.name, row.config(&base), row.control, seed));
+                methods.push(Method::variant(row.name, row.config(&base), row.control(), seed));
             }
         }
     }

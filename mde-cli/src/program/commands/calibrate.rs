@@ -32,8 +32,11 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         .collect();
     let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
     let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
-    let (data, prior, alignment) =
-        (evaluation.source.title(), evaluation.prior.title.clone(), evaluation.scoring.alignment_note());
+    let (data, prior, alignment) = (
+        evaluation.source.title.clone(),
+        evaluation.prior.title.clone(),
+        evaluation.scoring.alignment_note(),
+    );
     let path = evaluation.store.root().join(FILE);
     let calibrated = !scenes.is_empty();
     if calibrated {

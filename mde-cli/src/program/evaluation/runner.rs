@@ -30,7 +30,6 @@ use ndarray::{ArcArray, Ix3};
 use rayon::ThreadPoolBuilder;
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::fmt;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -81,26 +80,19 @@ pub(crate) struct Failure {
     pub(crate) error: String,
 }
 
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let method = self.method.as_ref().map_or_else(String::new, |method| format!(" {method}"));
-        write!(f, "{}{method}: {}", self.scene, self.error)
-    }
-}
-
 impl<'a> Evaluation<'a> {
     /// Opens the inputs. A run that would need too much memory is refused before anything is written.
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
         let source = Source::open(args.root.as_deref(), &args.data, &request.several)?;
-        let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let ids = source.data.ids();
+        let mut scenes = choose(ids, &args.data.scenes, args.data.limit)?;
         let all = scenes.len();
         if let Some(shard) = &request.shard {
             ensure!(
                 !args.run.force,
                 "--force: would remove the scenes of the other shards; remove the folder first, or leave it out"
             );
-            let ids = source.data.ids();
-            scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
+            scenes.retain(|&index| shard.has(&ids[index]));
         }
         let configs: Vec<_> = request.methods.iter().map(|method| method.config().cloned()).collect();
         let jobs = usize::from(args.jobs).min(scenes.len()).min(rayon::current_num_threads()).max(1);
@@ -110,7 +102,7 @@ impl<'a> Evaluation<'a> {
         }
         let prior = Priors::open(&args.prior, source.kind)?;
         let scoring = Scoring::new(args.alignment.alignment, request.pixels, !request.share_fields);
-        let basis = json!({ "command": request.command, "data": source.describe() });
+        let basis = json!({ "command": request.command, "data": source.settings });
         let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
         let store = Store::open(&output, &basis, args.run.force, request.shard.is_some())?;
@@ -132,8 +124,7 @@ impl<'a> Evaluation<'a> {
                 Err(_) => scene(),
             };
             entries.unwrap_or_else(|error| {
-                let id = self.source.data.ids().get(index).map_or("", String::as_str);
-                lock(tally).fail(id, None, &error, self.request.methods.len());
+                lock(tally).fail(&self.source.data.ids()[index], None, &error, self.request.methods.len());
                 Vec::new()
             })
         };
@@ -146,20 +137,20 @@ impl<'a> Evaluation<'a> {
     /// The results, compared with `reference`.
     pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
         Results {
-            title: format!("{} with {}", self.source.title(), self.prior.title),
+            title: format!("{} with {}", self.source.title, self.prior.title),
             alignment: self.scoring.alignment_note(),
             preface: Vec::new(),
             reference: Some(reference.to_owned()),
             entries,
             failures,
-            record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()),
+            record: json!({ "data": self.source.settings, "root": self.args.root.as_ref().map(|root| root.display().to_string()),
                             "prior": self.prior.settings, "score": self.scoring.config }),
         }
     }
 
     fn scene(&self, index: usize, tally: &Mutex<Tally<'_>>) -> Result<Vec<Entry>> {
         let mut sample = self.source.data.load(index)?;
-        let assumed_fov = self.source.assumed_fov();
+        let assumed_fov = self.source.assumed_fov;
         if let Some(fov) = assumed_fov {
             let views = sample.views.iter_mut().map(|captured| &mut captured.view.camera);
             for camera in views.chain([&mut sample.camera]) {
@@ -174,7 +165,7 @@ impl<'a> Evaluation<'a> {
         let Some((first, others)) = self.request.methods.split_first() else { return Ok(Vec::new()) };
         let mut own = None;
         let prior = self.prior.of_scene(&sample, first.seed, &mut own)?;
-        let posed = self.source.withheld.is_none();
+        let posed = self.source.posed;
         let (alone, photographs) = scenes(&sample, assumed_fov, posed)?;
         let scene =
             MethodScene { id: &sample.id, prior, alone: &alone, photographs: &photographs, memory: limit };

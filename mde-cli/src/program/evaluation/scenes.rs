@@ -14,12 +14,17 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// A data set with the options that it was opened with.
+/// An open data set.
 pub(crate) struct Source {
     pub(crate) data: Box<dyn DataSet>,
     pub(crate) kind: DataSetKind,
-    options: Options,
-    pub(crate) withheld: Option<Withheld>,
+    pub(crate) title: String,
+    /// What determines images and truth of the scenes; not the folder, which may be moved.
+    pub(crate) settings: Value,
+    /// Whether the methods are given poses.
+    pub(crate) posed: bool,
+    /// The field of view that replaces the cameras, degrees.
+    pub(crate) assumed_fov: Option<f64>,
 }
 
 impl Source {
@@ -48,6 +53,22 @@ impl Source {
             }
             _ => bail!("--grid: is for --dataset captures; with --dataset posed give one pose-noise"),
         };
+        let withheld = several.withhold.withhold;
+        let assumed_fov = (withheld == Some(Withheld::Cameras)).then_some(args.assume_fov);
+        let mut settings = json!({ "dataset": kind.name(), "size": args.size, "pose_noise": pose_noise,
+            "poses_withheld": withheld.is_some(), "assumed_fov": assumed_fov });
+        if kind == DataSetKind::Captures {
+            let CaptureGrid { views, baselines, pose_noises, gains } = &captures;
+            settings["captures"] =
+                json!({ "views": views, "baselines": baselines, "pose_noises": pose_noises, "gains": gains });
+        }
+        let size = args.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
+        let poses = match (withheld, assumed_fov) {
+            (_, Some(fov)) => format!(", poses and cameras withheld, {fov} degrees assumed"),
+            (Some(_), None) => ", poses withheld".to_owned(),
+            (None, None) if pose_noise > 0.0 => format!(", poses off by {pose_noise} degrees"),
+            (None, None) => String::new(),
+        };
         let options = Options {
             places,
             pose_noise,
@@ -57,44 +78,8 @@ impl Source {
             ..Options::default()
         };
         let data = data::open(kind, root, &options)?;
-        Ok(Self { data, kind, options, withheld: several.withhold.withhold })
-    }
-
-    /// The field of view that replaces the cameras, degrees, where these are withheld.
-    pub(crate) fn assumed_fov(&self) -> Option<f64> {
-        self.options.assumed_fov.filter(|_| self.withheld == Some(Withheld::Cameras))
-    }
-
-    /// The options that determine images and truth of the scenes; not the folder, which may be moved.
-    pub(crate) fn describe(&self) -> Value {
-        let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size });
-        if self.kind == DataSetKind::Captures {
-            let CaptureGrid { views, baselines, pose_noises, gains } = &self.options.captures;
-            value["captures"] =
-                json!({ "views": views, "baselines": baselines, "pose_noises": pose_noises, "gains": gains });
-        }
-        if self.options.pose_noise > 0.0 {
-            value["pose_noise"] = json!(self.options.pose_noise);
-        }
-        if self.withheld.is_some() {
-            value["poses"] = json!("withheld");
-        }
-        if let Some(fov) = self.assumed_fov() {
-            value["assumed_fov"] = json!(fov);
-        }
-        value
-    }
-
-    pub(crate) fn title(&self) -> String {
-        let size = self.options.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
-        let noise = self.options.pose_noise;
-        let poses = match (self.withheld, self.assumed_fov()) {
-            (_, Some(fov)) => format!(", poses and cameras withheld, {fov} degrees assumed"),
-            (Some(_), None) => ", poses withheld".to_owned(),
-            (None, None) if noise > 0.0 => format!(", poses off by {noise} degrees"),
-            (None, None) => String::new(),
-        };
-        format!("{}{size}{poses}", self.kind)
+        let title = format!("{kind}{size}{poses}");
+        Ok(Self { data, kind, title, settings, posed: withheld.is_none(), assumed_fov })
     }
 }
 
@@ -273,24 +258,18 @@ pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     hasher.finalize()
 }
 
-/// Indices of the scenes that `wanted` names (all if it is empty), at most `limit`.
-pub(crate) fn choose(data: &dyn DataSet, wanted: &[String], limit: Option<u32>) -> Result<Vec<usize>> {
-    let ids = data.ids();
-    let mut chosen = Vec::new();
-    if wanted.is_empty() {
-        chosen.extend(0..ids.len());
-    }
+/// Indices of the scenes that `wanted` names, whole or by the last part (all if it is empty), at most `limit`.
+pub(crate) fn choose(ids: &[String], wanted: &[String], limit: Option<u32>) -> Result<Vec<usize>> {
+    let fits = |id: &str, name: &str| id == name || id.rsplit('/').next() == Some(name);
     for name in wanted {
-        let before = chosen.len();
-        let fits = |id: &String| id == name || id.rsplit('/').next() == Some(name);
-        chosen.extend((0..ids.len()).filter(|&index| fits(&ids[index])));
-        if chosen.len() == before {
-            let some = ids.iter().take(5).cloned().collect::<Vec<_>>().join(", ");
-            bail!("--scenes {name}: no such scene among the {} of the data set ({some}, ...)", ids.len());
-        }
+        let some = || ids.iter().take(5).cloned().collect::<Vec<_>>().join(", ");
+        ensure!(
+            ids.iter().any(|id| fits(id, name)),
+            "--scenes {name}: no such scene among the {} of the data set ({}, ...)",
+            ids.len(),
+            some()
+        );
     }
-    chosen.sort_unstable();
-    chosen.dedup();
-    chosen.truncate(limit.map_or(usize::MAX, |n| n as usize));
-    Ok(chosen)
+    let is_wanted = |index: &usize| wanted.is_empty() || wanted.iter().any(|name| fits(&ids[*index], name));
+    Ok((0..ids.len()).filter(is_wanted).take(limit.map_or(usize::MAX, |n| n as usize)).collect())
 }

@@ -203,64 +203,47 @@ mod tests {
     }
 
     #[test]
-    fn a_stored_result_is_found_and_one_of_other_inputs_is_stale() {
+    fn a_stored_result_is_found_and_one_of_other_inputs_or_a_broken_one_is_stale() {
         let place = tempfile::tempdir().unwrap();
         let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false, false).unwrap();
         let made_from = json!({ "config": { "seed": 1 } });
         assert!(store.find("a/b", "paper", &made_from).unwrap().is_none());
-        store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
-        let found = store.find("a/b", "paper", &made_from).unwrap().unwrap();
-        assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
-        assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
-        assert_eq!((found.seconds, found.refined.report), (1.5, json!({ "a": 1.0 })));
-        let exact = Kept {
-            refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
-            ..entry(made_from.clone())
-        };
-        store.keep("a/b", "exact", &exact).unwrap();
-        let found = store.find("a/b", "exact", &made_from).unwrap().unwrap();
-        assert_eq!(found.refined.sigma, exact.refined.sigma);
+        let exact = Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined };
+        for (name, refined) in [("paper", entry(Value::Null).refined), ("exact", exact)] {
+            let kept = Kept { refined: refined.clone(), ..entry(made_from.clone()) };
+            store.keep("a/b", name, &kept).unwrap();
+            let found = store.find("a/b", name, &made_from).unwrap().unwrap();
+            assert_eq!((found.refined, found.seconds), (refined, 1.5));
+        }
         let other = json!({ "config": { "seed": 2 } });
         assert_eq!(store.find("a/b", "paper", &other).unwrap_err(), "config.seed: 1 -> 2");
-    }
-
-    #[test]
-    fn another_evaluation_is_refused_and_force_starts_over() {
-        let place = tempfile::tempdir().unwrap();
-        let root = place.path().join("e");
-        let store = Store::open(&root, &json!({ "size": "native" }), false, false).unwrap();
-        store.keep("a", "paper", &entry(Value::Null)).unwrap();
-        drop(store);
-        let other = json!({ "size": [640, 480] });
-        let refused = Store::open(&root, &other, false, false).unwrap_err().to_string();
-        assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
-        let store = Store::open(&root, &other, true, false).unwrap();
-        assert!(store.find("a", "paper", &Value::Null).unwrap().is_none());
-        fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &other, true, false).is_err());
+        fs::write(store.folder("a/b", "paper").join(RECORD), "{").unwrap();
+        assert!(store.find("a/b", "paper", &made_from).is_err());
     }
 
     /// As after a kill at any moment: before the first file is in place, and beside finished results.
     #[test]
-    fn unfinished_files_stop_no_run_and_are_removed() {
+    fn unfinished_files_stop_no_run_and_are_removed_and_force_starts_over() {
         let place = tempfile::tempdir().unwrap();
         let root = place.path().join("e");
         fs::create_dir(&root).unwrap();
         fs::write(root.join(".mde-AbCdEf"), "{ \"si").unwrap();
-        let basis = json!({ "size": "native" });
-        let store = Store::open(&root, &basis, false, false).unwrap();
-        assert!(!root.join(".mde-AbCdEf").exists());
+        let open = |force: bool| Store::open(&root, &json!({ "size": "native" }), force, false).unwrap();
+        let store = open(false);
+        assert!(!root.join(".mde-AbCdEf").exists() && root.join(lock::FILE).exists());
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
         let left =
             ["scenes/a/paper/.mde-scores", "scenes/a/.mde-picture", ".mde-table"].map(|name| root.join(name));
         left.iter().for_each(|path| fs::write(path, "x").unwrap());
         fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
         drop(store);
-        let store = Store::open(&root, &basis, false, false).unwrap();
+        let store = open(false);
         assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
         assert!(store.find("a", "paper", &Value::Null).unwrap().is_some());
+        drop(store);
+        assert!(open(true).find("a", "paper", &Value::Null).unwrap().is_none());
         // Someone else's file is not ours to remove.
         fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &basis, false, false).is_err());
+        assert!(Store::open(place.path(), &json!({}), true, false).is_err());
     }
 }

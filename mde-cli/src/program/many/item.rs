@@ -1,9 +1,9 @@
 //! One of many photographs: its marker, its refinement, its row.
 
-use crate::error::Error;
 use crate::output::every::PhotographRow;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
+use crate::prior::hash_files;
 use crate::program::args::RefineArgs;
 use crate::program::error::message;
 use crate::program::job::Job;
@@ -20,7 +20,6 @@ use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::Result;
 use mde_prior::photo::{decode_image, write_image};
-use mde_prior::{FileKind, open};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -53,11 +52,7 @@ pub(super) struct Common<'c> {
 /// Everything but the photographs that the results depend on, files by their content.
 pub(super) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
     let camera = &args.camera;
-    let content = |path: &PathBuf| -> Result<u32> {
-        let bytes = open::read(path, FileKind::Settings).map_err(Error::read(path))?;
-        Ok(crc32fast::hash(&bytes))
-    };
-    let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
+    let intrinsics = hash_files(camera.intrinsics.as_deref())?;
     Ok(json!({
         "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.export.export),
         "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
@@ -99,11 +94,8 @@ impl Common<'_> {
 
     /// Everything that the results depend on, the photograph by its content.
     fn made_from(&self, item: &Item, bytes: &[u8]) -> String {
-        let made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(bytes), bytes.len());
-        match &item.same_scale {
-            Some(same_scale) => format!("{made_from} {}", same_scale.key()),
-            None => made_from,
-        }
+        let same_scale = item.same_scale.map(|found| found.key());
+        format!("{} {:08x} {} {same_scale:?}", self.settings, crc32fast::hash(bytes), bytes.len())
     }
 
     fn made(&self, item: &Item, progress: &mut Progress) -> Result<PhotographRow> {

@@ -52,29 +52,3 @@ impl<R: Serialize + DeserializeOwned> Entry<R> {
         (self.files.get(Path::new(name)) == Some(&content(&bytes))).then_some(bytes)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-
-    #[test]
-    fn a_changed_file_is_noticed_by_its_length_or_its_checksum() {
-        let place = tempfile::tempdir().unwrap();
-        let write = |name: &str, text: &str| fs::write(place.path().join(name), text).unwrap();
-        fs::create_dir(place.path().join("in")).unwrap();
-        write("in/a.npy", "abc");
-        Entry::write(place.path(), "e.json", json!("x"), 0.1_f64).unwrap();
-        let read = || Entry::<f64>::read(place.path(), "e.json");
-        let entry = read().unwrap();
-        assert_eq!((&entry.made_from, entry.row), (&json!("x"), 0.1));
-        assert_eq!(entry.file(place.path(), "in/a.npy").unwrap(), b"abc");
-        write("in/a.npy", "abd");
-        assert!(read().is_some() && entry.file(place.path(), "in/a.npy").is_none());
-        write("in/a.npy", "ab");
-        assert!(read().is_none());
-        write("in/a.npy", "abc");
-        write("e.json", "{");
-        assert!(read().is_none());
-    }
-}

@@ -194,15 +194,13 @@ const LONGEST_FILE_NAME: usize = 200;
 
 /// A file name that every file system accepts; different texts have different names.
 pub(crate) fn file_name(text: &str) -> String {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let mut name = String::new();
-    for (index, byte) in text.bytes().enumerate() {
-        if plain(byte) && !(index == 0 && byte == b'.') {
-            name.push(char::from(byte));
-        } else if byte == b'/' {
-            name.push('+');
-        } else {
-            name.push_str(&format!("%{byte:02x}"));
+    for byte in text.bytes() {
+        match byte {
+            b'.' if name.is_empty() => name += "%2e",
+            b'/' => name.push('+'),
+            _ if byte.is_ascii_alphanumeric() || b"-_.".contains(&byte) => name.push(char::from(byte)),
+            _ => name += &format!("%{byte:02x}"),
         }
     }
     if name.len() > LONGEST_FILE_NAME {
@@ -268,25 +266,6 @@ fn builder() -> tempfile::Builder<'static, 'static> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn entries(folder: &Path) -> Vec<String> {
-        let names = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
-        let mut names: Vec<_> = names.collect();
-        names.sort();
-        names
-    }
-
-    #[test]
-    fn unfinished_folders_and_files_are_swept_but_not_the_lock() {
-        let place = tempfile::tempdir().unwrap();
-        fs::create_dir(place.path().join(".mde-folder")).unwrap();
-        fs::create_dir(place.path().join("photograph")).unwrap();
-        for file in [".mde-folder/depth.npy", ".mde-file", lock::FILE, "index.csv"] {
-            fs::write(place.path().join(file), "").unwrap();
-        }
-        remove_unfinished(place.path());
-        assert_eq!(entries(place.path()), [lock::FILE, "index.csv", "photograph"]);
-    }
 
     #[cfg(unix)]
     #[test]
