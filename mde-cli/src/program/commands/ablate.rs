@@ -17,7 +17,7 @@ use serde_json::json;
 pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let methods = methods(args)?;
-    let request = Request { share_fields: true, ..Request::new("ablate", &methods) };
+    let request = Request { command: "ablate", methods: &methods, share_fields: true, ..Request::default() };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (mut entries, failures) = evaluation.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.

@@ -20,8 +20,10 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
     let request = Request {
+        command: "eval",
+        methods: &methods,
         several: CaptureArgs { grid: None, withhold: args.withhold },
-        ..Request::new("eval", &methods)
+        ..Request::default()
     };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (entries, failures) = evaluation.run(&mut progress)?;
@@ -37,7 +39,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         evaluation.prior.title.clone(),
         evaluation.scoring.alignment_note(),
     );
-    let path = evaluation.store.root().join(FILE);
+    let path = evaluation.store.root.join(FILE);
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };

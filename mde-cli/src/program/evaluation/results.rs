@@ -42,7 +42,7 @@ pub(crate) struct Results {
 /// # Errors
 /// [`Partial`](crate::program::error::Partial) where a scene or method failed; the results of the others are written.
 pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -> Result<()> {
-    written(results, store.root(), progress).inspect_err(|_| store.discard_if_empty())
+    written(results, &store.root, progress).inspect_err(|_| store.discard_if_empty())
 }
 
 fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {

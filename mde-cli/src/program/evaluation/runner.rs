@@ -33,7 +33,8 @@ use serde_json::{Value, json};
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// The methods of a command and how they are scored.
+/// The methods of a command and how they are scored; by default of one photograph a scene, with the controls.
+#[derive(Default)]
 pub(crate) struct Request<'a> {
     pub(crate) command: &'a str,
     /// The prior first.
@@ -44,14 +45,6 @@ pub(crate) struct Request<'a> {
     pub(crate) shard: Option<Shard>,
     pub(crate) several: CaptureArgs,
     pub(crate) pixels: PixelArgs,
-}
-
-impl<'a> Request<'a> {
-    /// Of one photograph a scene, scored with the controls.
-    pub(crate) fn new(command: &'a str, methods: &'a [Method]) -> Self {
-        let (several, pixels) = (CaptureArgs::default(), PixelArgs::default());
-        Self { command, methods, share_fields: false, shard: None, several, pixels }
-    }
 }
 
 /// An evaluation with its inputs opened.
@@ -111,9 +104,9 @@ impl<'a> Evaluation<'a> {
 
     /// Runs and scores the methods; stored results are reused. Scores are in the order of the data set.
     pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
-        let all = self.scenes.len() * self.request.methods.len();
-        let tally = Tally { progress, jobs: self.jobs, done: 0, all, made: (0, 0.0), failures: Vec::new() };
-        let tally = Mutex::new(tally);
+        let (jobs, methods) = (self.jobs, self.request.methods.len());
+        let (all, made, failures) = (self.scenes.len() * methods, (0, 0.0), Vec::new());
+        let tally = Mutex::new(Tally { progress, jobs, methods, done: 0, all, made, failures });
         let threads = (rayon::current_num_threads() / self.jobs).max(1);
         let work = |place: usize| {
             let (index, tally) = (self.scenes[place], &tally);
@@ -124,7 +117,7 @@ impl<'a> Evaluation<'a> {
                 Err(_) => scene(),
             };
             entries.unwrap_or_else(|error| {
-                lock(tally).fail(&self.source.data.ids()[index], None, &error, self.request.methods.len());
+                lock(tally).fail(&self.source.data.ids()[index], None, &error);
                 Vec::new()
             })
         };
@@ -171,8 +164,8 @@ impl<'a> Evaluation<'a> {
             MethodScene { id: &sample.id, prior, alone: &alone, photographs: &photographs, memory: limit };
 
         // What is simulated here depends on the seed.
-        let seed =
-            (sample.prior.is_none() && matches!(self.prior.form, Form::Simulated)).then_some(first.seed);
+        let simulated = sample.prior.is_none() && matches!(self.prior.form, Form::Simulated);
+        let seed = simulated.then_some(first.seed);
         let rule = DisparityRule::default();
         let settings = json!({ "prior": self.prior.made_from(&sample.id)?, "rule": rule, "seed": seed });
         let made_from = json!({ "input": fingerprint(&sample, None), "settings": settings });
@@ -203,7 +196,7 @@ impl<'a> Evaluation<'a> {
             match self.stored_or_run(&sample, method, made_from, run, tally) {
                 Ok(kept) => made.push((method, kept)),
                 Err(error) if interrupt::requested() => return Err(error),
-                Err(error) => lock(tally).fail(&sample.id, Some(method), &error, 1),
+                Err(error) => lock(tally).fail(&sample.id, Some(method), &error),
             }
         }
         let mut entries = self.scoring.scene(&sample, &made, &self.store)?;
@@ -271,6 +264,8 @@ fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Sce
 struct Tally<'t> {
     progress: &'t mut Progress,
     jobs: usize,
+    /// Of a scene.
+    methods: usize,
     done: usize,
     all: usize,
     /// Runs that were made now, and their seconds.
@@ -289,8 +284,8 @@ impl Tally<'_> {
         self.progress.piece(self.done, self.all, &text, Some(left), value);
     }
 
-    /// A method of a scene failed, or all its `runs`.
-    fn fail(&mut self, scene: &str, method: Option<&Method>, error: &anyhow::Error, runs: usize) {
+    /// A method of a scene failed, or all.
+    fn fail(&mut self, scene: &str, method: Option<&Method>, error: &anyhow::Error) {
         if interrupt::requested() {
             return;
         }
@@ -298,7 +293,7 @@ impl Tally<'_> {
         let method = method.map(|method| method.name.clone());
         let what = method.as_deref().unwrap_or("scene");
         self.progress.failed(format!("{scene} {what}: failed: {error}"));
-        self.done += runs;
+        self.done += if method.is_some() { 1 } else { self.methods };
         self.failures.push(Failure { scene, method, error });
     }
 }

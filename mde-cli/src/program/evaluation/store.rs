@@ -33,7 +33,7 @@ const PICTURE_SIDE: usize = 320;
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
 #[derive(Debug)]
 pub(crate) struct Store {
-    root: PathBuf,
+    pub(crate) root: PathBuf,
     /// Whether other shards write into the folder.
     shared: bool,
     _folder: OpenFolder,
@@ -88,10 +88,6 @@ impl Store {
         Ok(Self { root: root.to_owned(), shared, _folder: folder })
     }
 
-    pub(crate) fn root(&self) -> &Path {
-        &self.root
-    }
-
     /// Removes the folder if it has no results, after a run that failed before its first map.
     pub(crate) fn discard_if_empty(&self) {
         if self.shared {
@@ -106,7 +102,7 @@ impl Store {
         }
     }
 
-    pub(crate) fn scene(&self, scene: &str) -> PathBuf {
+    fn scene(&self, scene: &str) -> PathBuf {
         self.root.join(SCENES).join(file_name(scene))
     }
 

@@ -15,8 +15,8 @@ use crate::program::provenance::{about, write_json};
 use crate::program::report::{INDEX, every_page};
 use crate::program::store::folder::{OpenFolder, OutputFolder, RECORD};
 use crate::program::summary::intervals;
+use crate::refiner::Plan;
 use crate::refiner::depth_png::MILLIMETRES;
-use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
 use crate::several::cloud::RefinedView;
 use anyhow::{Result, bail};
@@ -70,9 +70,23 @@ pub(crate) fn run(
                 // Those of an earlier run are of other maps than the photograph will have.
                 OF_ALL.iter().chain([&LIST]).for_each(|name| drop(fs::remove_file(output.join(name))));
                 progress.next(&counted);
-                let row =
-                    PhotographRow { folder: Some(folder.clone()), ..PhotographRow::new(&photograph.name) };
-                one(job, &mut prepared, index, row, &place, &made_from, progress)?
+                let (name, start) = (&photograph.name, Instant::now());
+                let mut row = PhotographRow { folder: Some(folder.clone()), ..PhotographRow::new(name) };
+                let refined = OutputFolder::new(&place, true).and_then(|folder| {
+                    job.produce(&mut prepared, index, name, &folder, progress, |path, refined, _| {
+                        row.measure(refined);
+                        row.seconds = start.elapsed().as_secs_f64();
+                        mark(path, &made_from, &row)
+                    })
+                });
+                match refined {
+                    Ok(_) => row,
+                    Err(error) if interrupt::requested() => return Err(error),
+                    Err(error) => {
+                        let seconds = start.elapsed().as_secs_f64();
+                        PhotographRow { seconds, ..PhotographRow::failed(name, &message(&error)) }
+                    }
+                }
             }
         };
         if let Some((camera, pose)) = prepared.several().and_then(|several| row.placed(several, index)) {
@@ -127,35 +141,6 @@ pub(crate) fn run(
         format!("{points} points in {CLOUD}\n{more}"),
     );
     finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)
-}
-
-/// Refines one photograph into its folder. Only an interruption is an error; what else fails is in the row.
-fn one(
-    job: &Job<'_>,
-    prepared: &mut Prepared<'_>,
-    index: usize,
-    mut row: PhotographRow,
-    place: &Path,
-    made_from: &str,
-    progress: &mut Progress,
-) -> Result<PhotographRow> {
-    let start = Instant::now();
-    let name = row.photograph.clone();
-    let refined = OutputFolder::new(place, true).and_then(|folder| {
-        job.produce(prepared, index, &name, &folder, progress, |path, refined, _| {
-            row.measure(refined);
-            row.seconds = start.elapsed().as_secs_f64();
-            mark(path, made_from, &row)
-        })
-    });
-    match refined {
-        Ok(_) => Ok(row),
-        Err(error) if interrupt::requested() => Err(error),
-        Err(error) => {
-            let seconds = start.elapsed().as_secs_f64();
-            Ok(PhotographRow { seconds, ..PhotographRow::failed(&name, &message(&error)) })
-        }
-    }
 }
 
 /// Depth, sigma and the scale of `depth.png` in the folder of a photograph; not all are in memory before.

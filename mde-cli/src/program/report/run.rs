@@ -164,21 +164,15 @@ fn prior_sigma(config: &Config, record: &Value) -> (f64, f64, String) {
         true => "",
         false => ", which has FastDepth's error, assumed here (mde calibrate measures another network's)",
     };
-    let more = match common > 0.0 {
-        true => {
-            format!(", with the common error of {:.0} % of the depth as in the result{whose}", 100.0 * common)
+    let error = format!("the common error of {:.0} % of the depth", 100.0 * common);
+    let note = match (iterations.is_empty(), record["augmentation"]["predictions"].as_u64()) {
+        (true, _) | (_, Some(2..)) => {
+            format!("The prior's ± is {error}{whose}: a single prediction gives no spread.")
         }
-        false => String::new(),
-    };
-    let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
-        || iterations.is_empty()
-    {
-        format!(
-            "The prior's ± is the common error of {:.0} % of the depth{whose}: a single prediction gives no spread.",
-            100.0 * common
-        )
-    } else {
-        format!("The prior's ± is σₒ of iteration {}{more}.", index + 1)
+        _ if common > 0.0 => {
+            format!("The prior's ± is σₒ of iteration {}, with {error} as in the result{whose}.", index + 1)
+        }
+        _ => format!("The prior's ± is σₒ of iteration {}.", index + 1),
     };
     (sigma_o, common, note)
 }
