@@ -7,7 +7,7 @@ use crate::program::store::folder::{
     OpenFolder, check_own, file_name, folders_in, remove_unfinished, replace,
 };
 use crate::program::store::lock;
-use crate::scene::size::resized;
+use crate::scene::size::thumbnail;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
@@ -27,8 +27,6 @@ const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
 /// The folder of the scenes' folders.
 const SCENES: &str = "scenes";
-/// Longest side of the reduced image, pixels.
-const PICTURE_SIDE: usize = 320;
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
 #[derive(Debug)]
@@ -145,10 +143,7 @@ impl Store {
         if path.is_file() {
             return Ok(());
         }
-        let (height, width, _) = image.dim();
-        let scale = (PICTURE_SIDE as f64 / width.max(height) as f64).min(1.0);
-        let side = |pixels: usize| ((pixels as f64 * scale).round() as usize).max(1);
-        Ok(write_image(path, resized(image, side(width), side(height)).view())?)
+        Ok(write_image(path, thumbnail(image).view())?)
     }
 
     /// Stores a method's result, in place of an older one.
@@ -168,22 +163,17 @@ impl Store {
 
 /// The first place where two JSON values differ, as `key.key: old -> new`.
 fn difference(old: &Value, new: &Value) -> Option<String> {
-    match (old, new) {
-        (Value::Object(old), Value::Object(new)) => {
-            let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
-            keys.into_iter().find_map(|key| {
-                let [before, after] = [old, new].map(|map| map.get(key).unwrap_or(&Value::Null));
-                let change = difference(before, after)?;
-                Some(if change.starts_with(": ") {
-                    format!("{key}{change}")
-                } else {
-                    format!("{key}.{change}")
-                })
-            })
-        }
-        (old, new) if old == new => None,
-        (old, new) => Some(format!(": {old} -> {new}")),
+    if old == new {
+        return None;
     }
+    let (Some(before), Some(after)) = (old.as_object(), new.as_object()) else {
+        return Some(format!(": {old} -> {new}"));
+    };
+    before.keys().chain(after.keys()).find_map(|key| {
+        let change = difference(&old[key], &new[key])?;
+        let dot = if change.starts_with(": ") { "" } else { "." };
+        Some(format!("{key}{dot}{change}"))
+    })
 }
 
 #[cfg(test)]

@@ -18,15 +18,6 @@ pub(super) const WIDEST: usize = 640;
 /// Steps of a value between the lowest and the highest; 0 is kept for "missing".
 const STEPS: f64 = 65534.0;
 
-/// `[width, height]` of a picture that fits into a square of `most`, never larger than it is.
-pub(super) fn fitted((height, width): (usize, usize), most: usize) -> [usize; 2] {
-    let largest = width.max(height).max(1);
-    if largest <= most {
-        return [width, height];
-    }
-    [width, height].map(|side| (side * most / largest).max(1))
-}
-
 /// A map of positive values in 16 bits, evenly spaced in the logarithm (so that one far outlier costs no digits), each
 /// pixel minus its left neighbour, low bytes then high bytes, deflated.
 pub(super) fn map(map: ArrayView2<'_, f32>) -> Result<Value> {
@@ -130,12 +121,5 @@ mod tests {
         assert!(flat.iter().all(|v| (v - 2.5).abs() < 1e-6), "{flat:?}");
         let nothing = decoded(&map(Array2::zeros((2, 3)).view()).unwrap(), 3);
         assert_eq!(nothing, [0.0; 6]);
-    }
-
-    #[test]
-    fn a_large_map_shrinks_and_keeps_its_shape() {
-        assert_eq!(fitted((480, 640), 640), [640, 480]);
-        assert_eq!(fitted((3000, 4000), 640), [640, 480]);
-        assert_eq!(fitted((1, 9000), 640), [640, 1]);
     }
 }

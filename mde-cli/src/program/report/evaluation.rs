@@ -1,9 +1,10 @@
 //! The page of an evaluation or an ablation.
 
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
-use crate::program::report::encode::{fitted, gradients, photograph_in, picture, svg};
+use crate::program::report::encode::{gradients, photograph_in, picture, svg};
 use crate::program::report::{page, read_json, read_text};
 use crate::program::store::folder::{file_name, folders_in};
+use crate::scene::size::within;
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::original_name;
@@ -152,10 +153,7 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
         let map = |name: &str| -> Result<Option<Array2<f32>>> {
             let path = place.join(name);
             let map = path.is_file().then(|| read_values(&path, &ReadOptions::default())).transpose()?;
-            Ok(map.map(|map| {
-                let [width, height] = fitted(map.dim(), THUMBNAIL);
-                nearest(map.view(), (height, width))
-            }))
+            Ok(map.map(|map| nearest(map.view(), within(map.dim(), THUMBNAIL))))
         };
         if let Some(depth) = map("depth.npy")? {
             maps.push((label, depth, map("sigma.npy")?));

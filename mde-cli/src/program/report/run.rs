@@ -2,11 +2,11 @@
 
 use crate::config::{Config, IterationPrior, Preset};
 use crate::output::files::EVIDENCE;
-use crate::program::report::encode::{self, WIDEST, fitted, gradients, photograph, photograph_in};
+use crate::program::report::encode::{self, WIDEST, gradients, photograph, photograph_in};
 use crate::program::report::{page, read_json, read_text};
 use crate::program::store::folder::RECORD;
 use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
-use crate::scene::size::resized;
+use crate::scene::size::{resized, within};
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
@@ -60,7 +60,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         format!("{}: the report needs the image; run the refinement again", path.display())
     })?;
     let (rows, columns, _) = image.pixels.dim();
-    let size @ [width, height] = fitted((rows, columns), WIDEST);
+    let size @ (height, width) = within((rows, columns), WIDEST);
     let embedded = |(map, name): (&'static str, &str)| -> Result<(&'static str, Value)> {
         let values = read_values(folder.join(name), &ReadOptions::default())?;
         ensure!(
@@ -70,7 +70,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
             values.ncols(),
             values.nrows()
         );
-        Ok((map, encode::map(nearest(values.view(), (height, width)).view())?))
+        Ok((map, encode::map(nearest(values.view(), size).view())?))
     };
     let truth = folder.join("gt.npy").is_file().then_some(("truth", "gt.npy"));
     let mut maps = vec![("prior", "prior.npy"), ("refined", "depth.npy"), ("sigma", "sigma.npy")];
@@ -98,7 +98,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "title": name,
         "record": record,
         "config": toml,
-        "size": size,
+        "size": [width, height],
         "full": [columns, rows],
         "image": photograph(small.view())?,
         "maps": maps,
@@ -124,7 +124,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         let path = folder.join(EVIDENCE);
         if path.is_file() {
             let (confirmed, origin) = evidence(&path)?;
-            data["maps"]["evidence"] = encode::map(nearest(confirmed.view(), (height, width)).view())?;
+            data["maps"]["evidence"] = encode::map(nearest(confirmed.view(), size).view())?;
             data["origin"] = origin;
         }
     }
