@@ -104,9 +104,9 @@ impl<'a> Evaluation<'a> {
 
     /// Runs and scores the methods; stored results are reused. Scores are in the order of the data set.
     pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
-        let (jobs, methods) = (self.jobs, self.request.methods.len());
-        let (all, made, failures) = (self.scenes.len() * methods, (0, 0.0), Vec::new());
-        let tally = Mutex::new(Tally { progress, jobs, methods, done: 0, all, made, failures });
+        let methods = self.request.methods.len();
+        let (all, start, failures) = (self.scenes.len() * methods, Instant::now(), Vec::new());
+        let tally = Mutex::new(Tally { progress, methods, done: 0, all, start, made: 0, failures });
         let threads = (rayon::current_num_threads() / self.jobs).max(1);
         let work = |place: usize| {
             let (index, tally) = (self.scenes[place], &tally);
@@ -263,24 +263,24 @@ fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Sce
 /// Progress over all runs.
 struct Tally<'t> {
     progress: &'t mut Progress,
-    jobs: usize,
     /// Of a scene.
     methods: usize,
     done: usize,
     all: usize,
-    /// Runs that were made now, and their seconds.
-    made: (usize, f64),
+    start: Instant,
+    /// Runs that were made since.
+    made: usize,
     failures: Vec<Failure>,
 }
 
 impl Tally<'_> {
     fn done(&mut self, scene: &str, method: &str, seconds: f64) {
         self.done += 1;
-        self.made = (self.made.0 + 1, self.made.1 + seconds);
+        self.made += 1;
         let text = format!("{scene} {method}: {seconds:.1} s");
         let value = json!({ "event": "method", "scene": scene, "method": method, "method_seconds": seconds });
-        let each = self.made.1 / self.made.0 as f64;
-        let left = each * self.all.saturating_sub(self.done) as f64 / self.jobs as f64;
+        let each = self.start.elapsed().as_secs_f64() / self.made as f64;
+        let left = each * self.all.saturating_sub(self.done) as f64;
         self.progress.piece(self.done, self.all, &text, Some(left), value);
     }
 
