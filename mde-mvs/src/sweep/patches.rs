@@ -187,20 +187,21 @@ impl<'a> Source<'a> {
             (fx[i], fy[i]) = (x - column as f32, y - row as f32);
             index[i] = row * width as u32 + column;
         }
-        // Sums of weighted values, squares and products, in four lanes.
-        let mut sums = [[0.0_f32; LANES]; 3];
+        // Weighted values, squares and products, summed in lanes, so that they need not wait for each other.
+        let mut sums = [[0.0_f32; 3]; LANES];
         for first in (0..SAMPLES).step_by(LANES) {
-            for lane in 0..LANES {
+            for (lane, sums) in sums.iter_mut().enumerate() {
                 let i = first + lane;
                 let [a, b, c, d] = self.bilinear[index[i] as usize];
                 let there = a + fx[i] * b + fy[i] * (c + fx[i] * d);
                 let weighted = patch.weight[i] * there;
-                sums[0][lane] += weighted;
-                sums[1][lane] += weighted * there;
-                sums[2][lane] += weighted * patch.luma[i];
+                sums[0] += weighted;
+                sums[1] += weighted * there;
+                sums[2] += weighted * patch.luma[i];
             }
         }
-        let [mean, square, product] = sums.map(|lanes| lanes.iter().sum::<f32>() / patch.all);
+        let [mean, square, product] =
+            [0, 1, 2].map(|k| sums.iter().map(|lane| lane[k]).sum::<f32>() / patch.all);
         let variance = (square - mean * mean).max(0.0);
         let spread = (patch.variance + NOISE * NOISE) * (variance + NOISE * NOISE);
         (1.0 - (product - mean * patch.mean) / spread.sqrt()).clamp(0.0, 1.0)

@@ -17,7 +17,7 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let base = overridden(args.preset, &args.config)?;
     let methods = methods(args, &base)?;
-    let request = Request { share_fields: true, ..Request::new("ablate", &methods) };
+    let request = Request { command: "ablate", methods: &methods, share_fields: true, ..Request::default() };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (mut entries, failures) = evaluation.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.
@@ -60,7 +60,7 @@ fn methods(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
             let wanted =
                 args.rows.is_empty() || row.name == FULL || args.rows.iter().any(|name| name == row.name);
             if wanted {
-                methods.push(Method::variant(row.name, row.config(base), row.control, seed));
+                methods.push(Method::variant(row.name, row.config(base), row.control(), seed));
             }
         }
     }

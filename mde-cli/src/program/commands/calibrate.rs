@@ -20,20 +20,26 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
     let request = Request {
+        command: "eval",
+        methods: &methods,
         several: CaptureArgs { grid: None, withhold: args.withhold },
-        ..Request::new("eval", &methods)
+        ..Request::default()
     };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (entries, failures) = evaluation.run(&mut progress)?;
-    let own = entries.iter().filter(|entry| entry.method == name);
-    let own: Vec<_> = own.filter_map(|entry| Some((entry, entry.curves.as_ref()?))).collect();
-    let scenes: Vec<_> =
-        own.iter().map(|(entry, curves)| (entry.scene.clone(), curves.abs_z_quantiles.clone())).collect();
-    let scales: Vec<f64> =
-        own.iter().filter_map(|(entry, _)| entry.values.get("alignment_scale").copied()).collect();
-    let (data, prior, alignment) =
-        (evaluation.source.title(), evaluation.prior.title(), evaluation.scoring.alignment_note());
-    let path = evaluation.store.root().join(FILE);
+    let scenes: Vec<_> = entries
+        .iter()
+        .filter(|entry| entry.method == name)
+        .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
+        .collect();
+    let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
+    let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
+    let (data, prior, alignment) = (
+        evaluation.source.title.clone(),
+        evaluation.prior.title.clone(),
+        evaluation.scoring.alignment_note(),
+    );
+    let path = evaluation.store.root.join(FILE);
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };

@@ -20,9 +20,7 @@ pub(super) fn run(args: &DenseArgs) -> Result<()> {
     let capture = std::slice::from_ref(&args.capture);
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
     let (scene, plan) = scene::several(&refiner, &args.common.camera, None, capture, &mut progress)?;
-    let input = args.capture.display().to_string();
     let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
-    let part = every::Part { shard: args.shard, force: args.common.run.force };
-    every::run(&job, &scene, &plan, &input, &output, part, &mut progress)
+    every::run(&job, &scene, &plan, args, &output, &mut progress)
 }

@@ -12,14 +12,21 @@ pub(super) fn run(args: &EvalArgs) -> Result<()> {
     let methods = Method::parse_list(&args.methods, args.seed)?;
     let shard = args.shard;
     let several = args.several.clone();
-    let request = Request { shard, several, pixels: args.pixels, ..Request::new("eval", &methods) };
+    let request = Request {
+        command: "eval",
+        methods: &methods,
+        shard,
+        several,
+        pixels: args.pixels,
+        share_fields: false,
+    };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (entries, failures) = evaluation.run(&mut progress)?;
     if shard.is_some() {
         return results::finish_part(
             [evaluation.scenes.len(), evaluation.all],
             &failures,
-            evaluation.store.root(),
+            &evaluation.store.root,
             &mut progress,
         );
     }

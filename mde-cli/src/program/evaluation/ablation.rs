@@ -16,8 +16,6 @@ pub(crate) struct Row {
     /// Change of MSE in percent, sharpness over the prior's and edge F1, as the paper prints them.
     paper: Option<[f64; 3]>,
     change: fn(&mut Config),
-    /// The baseline that replaces the field.
-    pub(crate) control: Option<&'static str>,
 }
 
 impl Row {
@@ -26,18 +24,19 @@ impl Row {
         (self.change)(&mut config);
         config
     }
+
+    /// The baseline that replaces the field.
+    pub(crate) fn control(&self) -> Option<&'static str> {
+        self.name.strip_suffix("-for-nerf")
+    }
 }
 
 const fn row(name: &'static str, what: &'static str, change: fn(&mut Config)) -> Row {
-    Row { name, what, paper: None, change, control: None }
+    Row { name, what, paper: None, change }
 }
 
 const fn printed(name: &'static str, what: &'static str, paper: [f64; 3], change: fn(&mut Config)) -> Row {
-    Row { name, what, paper: Some(paper), change, control: None }
-}
-
-const fn without_nerf(name: &'static str, what: &'static str, control: &'static str) -> Row {
-    Row { name, what, paper: None, change: original_only, control: Some(control) }
+    Row { name, what, paper: Some(paper), change }
 }
 
 fn fixed(config: &mut Config, kappa: f64) {
@@ -86,8 +85,8 @@ pub(crate) const ROWS: &[Row] = &[
             c.fusion.fusion = Fusion::NerfOnly;
         },
     ),
-    without_nerf("guided-for-nerf", "no NeRF: a guided filter of the prior in its place", "guided"),
-    without_nerf("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", "noise"),
+    row("guided-for-nerf", "no NeRF: a guided filter of the prior in its place", original_only),
+    row("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", original_only),
     row("original-pose", "rendered from the original pose alone", original_only),
     row("in-bin", "variance within the bins of a ray", |c| c.nerf.render.in_bin = InBinVariance::Uniform),
     row("spread", "variance of the mixture of views", |c| c.fusion.aggregation = Aggregation::Mixture),
@@ -99,13 +98,12 @@ const THE_PRIOR: Row = row(PRIOR, "the monocular depth", |_| {});
 
 /// The rows that differ from `base`; without `anchor` for a single iteration, where it has no effect.
 pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
-    let config = base.clone();
-    ROWS.iter()
-        .filter(move |row| row.name == FULL || row.control.is_some() || row.config(&config) != config)
-        .filter({
-            let one = base.refinement.iterations == 1;
-            move |row| !(one && row.name == "anchor")
-        })
+    let base = base.clone();
+    ROWS.iter().filter(move |row| match row.name {
+        FULL => true,
+        "anchor" if base.refinement.iterations == 1 => false,
+        _ => row.control().is_some() || row.config(&base) != base,
+    })
 }
 
 /// Table II beside the paper's figures. `to_full` and `to_prior` compare the same entries with the full model and with the prior.
@@ -157,7 +155,7 @@ mod tests {
             row.config(&base).validate().unwrap();
             for other in &ROWS[..index] {
                 assert_ne!(row.name, other.name);
-                let same = row.config(&base) == other.config(&base) && row.control == other.control;
+                let same = row.config(&base) == other.config(&base) && row.control() == other.control();
                 assert!(!same, "{} is {}", row.name, other.name);
             }
         }

@@ -14,49 +14,39 @@ use std::collections::hash_map::{DefaultHasher, Entry};
 use std::hash::{Hash, Hasher};
 use std::sync::{Arc, Mutex};
 
-/// Fitted fields and their renderings, by settings, seed and views. Clones share one memory.
-#[derive(Clone, Default)]
-pub(crate) struct FieldMemory(Arc<Mutex<HashMap<u64, Arc<Fitted>>>>);
+/// The fitted fields of a scene, by settings, seed and views. Clones share one memory.
+pub(crate) type FieldMemory = Arc<Mutex<HashMap<u64, Arc<Fitted>>>>;
 
-struct Fitted {
+pub(crate) struct Fitted {
     nerf: Nerf,
     report: FitReport,
-    /// By camera, pose and the settings of the render.
-    renders: Mutex<HashMap<u64, RenderedView>>,
+    /// By the settings of the render, camera and pose.
+    renders: Mutex<HashMap<String, RenderedView>>,
 }
 
-impl FieldMemory {
-    /// A field that is fitted only where the memory has none of the same settings, seed and views.
-    pub(crate) fn field(&self, config: NerfConfig, seed: u64) -> Remembered {
-        Remembered { memory: self.clone(), config, seed, fitted: None }
-    }
-}
-
-/// A [`Nerf`] that shares a [`FieldMemory`].
+/// A [`Nerf`] that is fitted only where the memory has none of the same settings, seed and views.
 pub(crate) struct Remembered {
-    memory: FieldMemory,
-    config: NerfConfig,
-    seed: u64,
-    fitted: Option<Arc<Fitted>>,
+    pub(crate) memory: FieldMemory,
+    pub(crate) config: NerfConfig,
+    pub(crate) seed: u64,
+    pub(crate) fitted: Option<Arc<Fitted>>,
 }
 
 impl RadianceField for Remembered {
     fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
-        let known = lock(&self.memory.0).get(&key).cloned();
+        let known = lock(&self.memory).get(&key).cloned();
         let fitted = match known {
             Some(fitted) => fitted,
             None => {
                 let mut nerf = Nerf::new(self.config.clone(), self.seed)?;
                 let report = nerf.fit(views, callback)?;
                 let fitted = Arc::new(Fitted { nerf, report, renders: Mutex::default() });
-                lock(&self.memory.0).insert(key, fitted.clone());
+                lock(&self.memory).insert(key, fitted.clone());
                 fitted
             }
         };
-        let report = fitted.report.clone();
-        self.fitted = Some(fitted);
-        Ok(report)
+        Ok(self.fitted.insert(fitted).report.clone())
     }
 
     fn render(
@@ -66,7 +56,9 @@ impl RadianceField for Remembered {
         callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
         let Some(fitted) = &self.fitted else { return Err(Error::NotFitted) };
-        match lock(&fitted.renders).entry(view_key(camera, pose, &self.config)) {
+        // `Debug` shows every number.
+        let key = format!("{:?} {camera:?} {pose:?}", self.config.render);
+        match lock(&fitted.renders).entry(key) {
             Entry::Occupied(known) => Ok(known.get().clone()),
             Entry::Vacant(place) => {
                 let nerf = fitted.nerf.clone().with_render(self.config.render.clone())?;
@@ -76,34 +68,20 @@ impl RadianceField for Remembered {
     }
 }
 
+/// Of everything that a fit depends on.
 fn fit_key(config: &NerfConfig, seed: u64, views: &[PosedView]) -> u64 {
     let mut hasher = DefaultHasher::new();
-    // The fit does not depend on the render settings. `Debug` shows every number of a configuration.
-    let fit = NerfConfig { render: RenderConfig::default(), ..config.clone() };
-    format!("{fit:?}").hash(&mut hasher);
-    seed.hash(&mut hasher);
+    let config = NerfConfig { render: RenderConfig::default(), ..config.clone() };
+    format!("{config:?} {seed}").hash(&mut hasher);
     for view in views {
-        hash_view(&view.camera, &view.pose, &mut hasher);
+        format!("{:?} {:?}", view.camera, view.pose).hash(&mut hasher);
+        view.mask.hash(&mut hasher);
         view.image.iter().for_each(|v| v.to_bits().hash(&mut hasher));
-        view.mask.iter().for_each(|v| v.hash(&mut hasher));
         for depth in &view.hypotheses {
             depth.mean().iter().chain(depth.variance()).for_each(|v| v.to_bits().hash(&mut hasher));
         }
     }
     hasher.finish()
-}
-
-fn view_key(camera: &PinholeCamera, pose: &Pose, config: &NerfConfig) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    format!("{:?}", config.render).hash(&mut hasher);
-    hash_view(camera, pose, &mut hasher);
-    hasher.finish()
-}
-
-fn hash_view(camera: &PinholeCamera, pose: &Pose, hasher: &mut DefaultHasher) {
-    [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::to_bits).hash(hasher);
-    [camera.width, camera.height].hash(hasher);
-    pose.to_homogeneous().iter().for_each(|v| v.to_bits().hash(hasher));
 }
 
 /// Standard deviation as a fraction of the depth, typical of the termination of rays.
@@ -113,16 +91,9 @@ const RELATIVE_SIGMA: f64 = 0.05;
 ///
 /// Its standard deviation is 5 % of the depth. In place of a NeRF, it shows what the same fusion gains with a plain filter.
 pub(crate) struct FilteredField {
-    refiner: Arc<dyn Method + Send + Sync>,
-    seed: u64,
-    view: Option<(PosedView, GaussianDepth)>,
-}
-
-impl FilteredField {
-    /// A field whose depth is what `refiner` makes of the first view's.
-    pub(crate) fn new(refiner: Arc<dyn Method + Send + Sync>, seed: u64) -> Self {
-        Self { refiner, seed, view: None }
-    }
+    pub(crate) refiner: Arc<dyn Method + Send + Sync>,
+    pub(crate) seed: u64,
+    pub(crate) view: Option<(PosedView, GaussianDepth)>,
 }
 
 fn fault(error: &dyn std::fmt::Display) -> Error {

@@ -10,9 +10,8 @@ use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
 use crate::program::report;
 use crate::program::report::FIGURES;
-use crate::program::store::folder::temporary_folder;
 use crate::program::terminal::line_of;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
 use mde_eval::table::{Block, Document, Entry, Summary, calibrate, csv, document};
@@ -38,113 +37,85 @@ pub(crate) struct Results {
     pub(crate) record: Value,
 }
 
-/// Writes tables and figures into `folder` and prints the verdict.
+/// Writes tables and figures into the folder of `store` and prints the verdict.
 ///
 /// # Errors
-/// [`Partial`] where a scene or method failed; the results of the others are written.
+/// [`Partial`](crate::program::error::Partial) where a scene or method failed; the results of the others are written.
 pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -> Result<()> {
-    written(results, store.root(), progress).inspect_err(|_| store.discard_if_empty())
+    written(results, &store.root, progress).inspect_err(|_| store.discard_if_empty())
 }
 
-fn written(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
-    let first = results.failures.first().map(ToString::to_string);
-    ensure!(
-        !results.entries.is_empty(),
-        "no scene could be scored{}",
-        first.as_ref().map_or_else(String::new, |first| format!("; {first}"))
-    );
-    calibrate(&mut results.entries);
-    let summary = Summary::new(&results.entries, results.reference.as_deref(), &Bootstrap::default())?;
+fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
+    let Results { title, alignment, preface, reference, mut entries, failures, record } = results;
+    let failed = verdict::failures(&failures);
+    let first = failed.first().cloned();
+    if entries.is_empty() {
+        bail!("no scene could be scored{}", first.map_or_else(String::new, |first| format!("; {first}")));
+    }
+    calibrate(&mut entries);
+    let summary = Summary::new(&entries, reference.as_deref(), &Bootstrap::default())?;
     let verdict = verdict::sentences(&summary);
-    let tables = results.tables(&summary, &verdict);
-    let value = json!({
-        "verdict": verdict,
-        "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
-        "failures": results.failures, "warnings": progress.own_warnings(), "summary": summary,
-    });
-    let temporary = temporary_folder(folder)?;
-    let place = temporary.path();
-    let mut scenes = Vec::new();
-    csv(&results.entries, &mut scenes)?;
-    mde_prior::write_atomic(&place.join("scenes.csv"), &scenes)?;
-    mde_prior::write_atomic(&place.join("table.md"), tables.markdown().as_bytes())?;
-    write_json(&place.join("summary.json"), &value)?;
-    results.figures(place)?;
-    // Those of an earlier evaluation, whose maps had a sigma.
-    for file in FIGURES.iter().map(|(name, _)| format!("{name}.svg")) {
-        let old = folder.join(&file);
-        if !place.join(&file).exists() && old.exists() {
-            fs::remove_file(&old).with_context(|| format!("{}: can't remove it", old.display()))?;
-        }
-    }
-    for file in fs::read_dir(place).with_context(|| place.display().to_string())?.flatten() {
-        let target = folder.join(file.file_name());
-        fs::rename(file.path(), &target)
-            .with_context(|| format!("{}: can't put the results there", target.display()))?;
-    }
-    let report = report::write(folder)?;
+    let value = json!({ "verdict": verdict, "title": title, "alignment": alignment, "command_line": command_line(), "made_from": record,
+        "versions": versions(), "failures": failures, "warnings": progress.own_warnings(), "summary": summary });
+    let counted = counted(&summary);
+    let mut tables = vec![Block::Heading(1, title), Block::Text(format!("{counted}. {alignment}"))];
+    let lists = [verdict, failed];
+    let brief =
+        Document { blocks: lists.into_iter().filter(|list| !list.is_empty()).map(Block::List).collect() };
+    tables.extend(brief.blocks.iter().cloned());
+    tables.extend(preface);
+    tables.extend(document(&summary).blocks);
+
     let table = folder.join("table.md");
-    let text = format!("{}; report: {}; tables: {}", counted(&summary), line_of(&report), line_of(&table));
+    mde_prior::write_atomic(&table, Document { blocks: tables }.markdown().as_bytes())?;
+    let mut scenes = Vec::new();
+    csv(&entries, &mut scenes)?;
+    mde_prior::write_atomic(&folder.join("scenes.csv"), &scenes)?;
+    figures(&entries, folder)?;
+    write_json(&folder.join("summary.json"), &value)?;
+    let report = report::write(folder)?;
+    let text = format!("{counted}; report: {}; tables: {}", line_of(&report), line_of(&table));
     let value = json!({ "event": "result", "summary": value["summary"] });
-    progress.tables(&results.brief(&verdict), &text, value);
-    partial(results.failures.len(), first, folder)
+    progress.tables(&brief, &text, value);
+    partial(failures.len(), first, folder)
 }
 
 /// Tells what a shard has stored; the tables are those of the evaluation of all scenes.
 ///
 /// # Errors
-/// [`Partial`] where a scene or method failed.
+/// [`Partial`](crate::program::error::Partial) where a scene or method failed.
 pub(crate) fn finish_part(
     [scenes, all]: [usize; 2],
     failures: &[Failure],
     root: &Path,
     progress: &mut Progress,
 ) -> Result<()> {
-    let failed: String = verdict::failures(failures).into_iter().map(|line| line + "\n").collect();
+    let failed = verdict::failures(failures);
+    let lines: String = failed.iter().map(|line| format!("{line}\n")).collect();
     let folder = root.display().to_string();
     let text = format!(
-        "{failed}{scenes} of {all} scenes\nwrote {folder}; the same command without --shard writes the tables"
+        "{lines}{scenes} of {all} scenes\nwrote {folder}; the same command without --shard writes the tables"
     );
     let value = json!({ "event": "done", "output": folder, "scenes": scenes, "failures": failures });
     progress.result(&text, value);
-    partial(failures.len(), failures.first().map(ToString::to_string), root)
+    partial(failures.len(), failed.into_iter().next(), root)
 }
 
-impl Results {
-    fn tables(&self, summary: &Summary, verdict: &[String]) -> Document {
-        let sample = counted(summary);
-        let mut blocks =
-            vec![Block::Heading(1, self.title.clone()), Block::Text(format!("{sample}. {}", self.alignment))];
-        blocks.extend(self.brief(verdict).blocks);
-        blocks.extend(self.preface.iter().cloned());
-        blocks.extend(document(summary).blocks);
-        Document { blocks }
-    }
-
-    /// The verdict, and what failed.
-    fn brief(&self, verdict: &[String]) -> Document {
-        let lists = [verdict.to_vec(), verdict::failures(&self.failures)];
-        Document { blocks: lists.into_iter().filter(|list| !list.is_empty()).map(Block::List).collect() }
-    }
-
-    /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones.
-    fn figures(&self, folder: &Path) -> Result<()> {
-        let mut names = figure::methods(&self.entries);
-        names.sort_by_key(|name| name.contains(SIGMA_BY));
-        names.truncate(LINES);
-        if names.is_empty() {
-            return Ok(());
+/// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones. Without a sigma no earlier figure stays.
+fn figures(entries: &[Entry], folder: &Path) -> Result<()> {
+    let mut names = figure::methods(entries);
+    names.sort_by_key(|name| name.contains(SIGMA_BY));
+    names.truncate(LINES);
+    let charts = [figure::error_by_percentile, figure::sparsification, figure::reliability];
+    for ((name, _), chart) in FIGURES.iter().zip(charts) {
+        let path = folder.join(format!("{name}.svg"));
+        if !names.is_empty() {
+            chart(entries, &names).write(&path)?;
+        } else if path.exists() {
+            fs::remove_file(&path).with_context(|| format!("{}: can't remove it", path.display()))?;
         }
-        let charts = [
-            figure::error_by_percentile(&self.entries, &names),
-            figure::sparsification(&self.entries, &names),
-            figure::reliability(&self.entries, &names),
-        ];
-        for ((name, _), chart) in FIGURES.iter().zip(charts) {
-            chart.write(folder.join(format!("{name}.svg")))?;
-        }
-        Ok(())
     }
+    Ok(())
 }
 
 /// The numbers of scenes and places.

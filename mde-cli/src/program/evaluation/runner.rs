@@ -1,43 +1,40 @@
 //! An evaluation: opens the inputs, runs the methods whose results are not stored yet, and scores them. A scene that fails does not stop
 //! the others.
 
-use crate::config::{Config, Preset};
-use crate::prior::OpenPrior;
 use crate::program::args::shard::Shard;
 use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::fields::FieldMemory;
-use crate::program::evaluation::method::{Interruptible, Method, MethodScene, PRIOR};
+use crate::program::evaluation::method::{Method, MethodScene};
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::scenes::{PriorPlan, Source, choose, fingerprint};
+use crate::program::evaluation::scenes::{Form, Priors, Source, choose, fingerprint};
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::{Kept, Store};
 use crate::program::interrupt;
 use crate::program::open::settings;
 use crate::program::progress::Progress;
 use crate::program::workers::{caught, lock, side_by_side};
+use crate::refiner::Observer;
 use crate::refiner::plan::SceneMemory;
 use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::{Observer, Refiner, Settings};
 use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use anyhow::{Result, ensure};
-use mde_eval::capture::CapturedView;
 use mde_eval::data::Sample;
 use mde_eval::table::Entry;
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
 use mde_prior::resample::nearest;
 use mde_warp::{PinholeCamera, Pose};
-use ndarray::{ArcArray, Array2, Ix3};
+use ndarray::{ArcArray, Ix3};
 use rayon::ThreadPoolBuilder;
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::fmt;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// The methods of a command and how they are scored.
+/// The methods of a command and how they are scored; by default of one photograph a scene, with the controls.
+#[derive(Default)]
 pub(crate) struct Request<'a> {
     pub(crate) command: &'a str,
     /// The prior first.
@@ -50,28 +47,19 @@ pub(crate) struct Request<'a> {
     pub(crate) pixels: PixelArgs,
 }
 
-impl<'a> Request<'a> {
-    /// Of one photograph a scene, scored with the controls.
-    pub(crate) fn new(command: &'a str, methods: &'a [Method]) -> Self {
-        let (several, pixels) = (CaptureArgs::default(), PixelArgs::default());
-        Self { command, methods, share_fields: false, shard: None, several, pixels }
-    }
-}
-
 /// An evaluation with its inputs opened.
 pub(crate) struct Evaluation<'a> {
     args: &'a EvaluationArgs,
     request: Request<'a>,
-    limit: SceneLimit,
+    memory: SceneMemory,
+    /// Scenes at once.
+    jobs: usize,
     pub(crate) source: Source,
     /// Indices into the data set.
     pub(crate) scenes: Vec<usize>,
     /// Number of the scenes of all shards.
     pub(crate) all: usize,
-    pub(crate) prior: PriorPlan,
-    /// [`PriorPlan::describe`] of `prior`.
-    prior_settings: Value,
-    rule: DisparityRule,
+    pub(crate) prior: Priors,
     pub(crate) scoring: Scoring,
     pub(crate) store: Store,
 }
@@ -85,52 +73,41 @@ pub(crate) struct Failure {
     pub(crate) error: String,
 }
 
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let method = self.method.as_ref().map_or_else(String::new, |method| format!(" {method}"));
-        write!(f, "{}{method}: {}", self.scene, self.error)
-    }
-}
-
 impl<'a> Evaluation<'a> {
     /// Opens the inputs. A run that would need too much memory is refused before anything is written.
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
         let source = Source::open(args.root.as_deref(), &args.data, &request.several)?;
-        let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let ids = source.data.ids();
+        let mut scenes = choose(ids, &args.data.scenes, args.data.limit)?;
         let all = scenes.len();
         if let Some(shard) = &request.shard {
             ensure!(
                 !args.run.force,
                 "--force: would remove the scenes of the other shards; remove the folder first, or leave it out"
             );
-            let ids = source.data.ids();
-            scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
+            scenes.retain(|&index| shard.has(&ids[index]));
         }
         let configs: Vec<_> = request.methods.iter().map(|method| method.config().cloned()).collect();
         let jobs = usize::from(args.jobs).min(scenes.len()).min(rayon::current_num_threads()).max(1);
         let memory = SceneMemory::new(&configs, request.share_fields);
-        let limit = SceneLimit { limit: settings::limit(&args.memory), memory, jobs };
         if let Some([width, height]) = args.data.size {
-            limit.check("--size", (height, width))?;
+            check(&settings::limit(&args.memory), &memory, jobs, "--size", (height, width))?;
         }
-        let prior = PriorPlan::new(&args.prior, source.kind)?;
-        let prior_settings = prior.describe();
+        let prior = Priors::open(&args.prior, source.kind)?;
         let scoring = Scoring::new(args.alignment, request.pixels, !request.share_fields);
-        let basis = json!({ "command": request.command, "data": source.describe() });
+        let basis = json!({ "command": request.command, "data": source.settings });
         let name = args.root.clone().unwrap_or_else(|| source.kind.to_string().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
         let store = Store::open(&output, &basis, args.run.force, request.shard.is_some())?;
-        let rule = DisparityRule::default();
-        Ok(Self { args, request, limit, source, scenes, all, prior, prior_settings, rule, scoring, store })
+        Ok(Self { args, request, memory, jobs, source, scenes, all, prior, scoring, store })
     }
 
     /// Runs and scores the methods; stored results are reused. Scores are in the order of the data set.
     pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
-        let jobs = self.limit.jobs;
-        let all = self.scenes.len() * self.request.methods.len();
-        let tally = Tally { progress, jobs, done: 0, all, made: (0, 0.0), failures: Vec::new() };
-        let tally = Mutex::new(tally);
-        let threads = (rayon::current_num_threads() / jobs).max(1);
+        let methods = self.request.methods.len();
+        let (all, start, failures) = (self.scenes.len() * methods, Instant::now(), Vec::new());
+        let tally = Mutex::new(Tally { progress, methods, done: 0, all, start, made: 0, failures });
+        let threads = (rayon::current_num_threads() / self.jobs).max(1);
         let work = |place: usize| {
             let (index, tally) = (self.scenes[place], &tally);
             let scene = || caught(|| self.scene(index, tally));
@@ -140,12 +117,11 @@ impl<'a> Evaluation<'a> {
                 Err(_) => scene(),
             };
             entries.unwrap_or_else(|error| {
-                let id = self.source.data.ids().get(index).map_or("", String::as_str);
-                lock(tally).fail(id, None, &error, self.request.methods.len());
+                lock(tally).fail(&self.source.data.ids()[index], None, &error);
                 Vec::new()
             })
         };
-        let entries = side_by_side(jobs, self.scenes.len(), work)?.concat();
+        let entries = side_by_side(self.jobs, self.scenes.len(), work)?.concat();
         let mut failures = std::mem::take(&mut lock(&tally).failures);
         failures.sort();
         Ok((entries, failures))
@@ -154,76 +130,73 @@ impl<'a> Evaluation<'a> {
     /// The results, compared with `reference`.
     pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
         Results {
-            title: format!("{} with {}", self.source.title(), self.prior.title()),
+            title: format!("{} with {}", self.source.title, self.prior.title),
             alignment: self.scoring.alignment_note(),
             preface: Vec::new(),
             reference: Some(reference.to_owned()),
             entries,
             failures,
-            record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
-                            "score": self.scoring.config }),
+            record: json!({ "data": self.source.settings, "root": self.args.root.as_ref().map(|root| root.display().to_string()),
+                            "prior": self.prior.settings, "score": self.scoring.config }),
         }
     }
 
     fn scene(&self, index: usize, tally: &Mutex<Tally<'_>>) -> Result<Vec<Entry>> {
         let mut sample = self.source.data.load(index)?;
-        let assumed_fov = self.source.assumed_fov();
+        let assumed_fov = self.source.assumed_fov;
         if let Some(fov) = assumed_fov {
-            assume(&mut sample, fov)?;
+            let views = sample.views.iter_mut().map(|captured| &mut captured.view.camera);
+            for camera in views.chain([&mut sample.camera]) {
+                *camera = PinholeCamera::from_fov(fov, camera.width, camera.height)?;
+            }
         }
-        self.limit.check("its image", sample.depth.dim())?;
+        let limit = settings::limit(&self.args.memory);
+        check(&limit, &self.memory, self.jobs, "its image", sample.depth.dim())?;
         if sample.assumed_camera {
             lock(tally).progress.warn(format!("{}: no intrinsics; the camera is assumed", sample.id));
         }
-        let methods = self.request.methods;
-        let prior = self.prior.open(&sample, methods.first().map_or(0, |prior| prior.seed))?;
-        let posed = self.source.withheld.is_none();
+        let Some((first, others)) = self.request.methods.split_first() else { return Ok(Vec::new()) };
+        let mut own = None;
+        let prior = self.prior.of_scene(&sample, first.seed, &mut own)?;
+        let posed = self.source.posed;
         let (alone, photographs) = scenes(&sample, assumed_fov, posed)?;
-        let view_priors = view_priors(&sample, &self.rule)?;
+        let scene =
+            MethodScene { id: &sample.id, prior, alone: &alone, photographs: &photographs, memory: limit };
+
+        // What is simulated here depends on the seed.
+        let simulated = sample.prior.is_none() && matches!(self.prior.form, Form::Simulated);
+        let seed = simulated.then_some(first.seed);
+        let rule = DisparityRule::default();
+        let settings = json!({ "prior": self.prior.made_from(&sample.id)?, "rule": rule, "seed": seed });
+        let made_from = json!({ "input": fingerprint(&sample, None), "settings": settings });
+        let run = || Ok(scene.prior_depth()?.into());
+        let mut made = vec![(first, self.stored_or_run(&sample, first, made_from, run, tally)?)];
+
+        let depth = made[0].1.refined.depth.clone();
+        let view_priors = sample
+            .views
+            .iter()
+            .map(|captured| captured.prior.as_ref().map(|prior| prior.to_depth(&rule)).transpose());
+        let view_priors = view_priors.collect::<Result<Vec<_>, _>>()?;
         let views = sample.views.iter().zip(&view_priors);
         let views: Vec<TaskView<'_>> = views
             .map(|(captured, prior)| TaskView { view: &captured.view, posed, prior: prior.as_ref() })
             .collect();
+        let task = Task {
+            model: prior.prior().accepts_new_images().then_some(prior.prior()),
+            views: &views,
+            focal_assumed: assumed_fov.is_some(),
+            ..Task::new(sample.image.view(), &sample.camera, depth.view(), &rule)
+        };
         let fields = self.request.share_fields.then(FieldMemory::default);
-        let own = self.prior.made_from(&self.prior_settings, &sample.id)?;
-        let mut made: Vec<(&Method, Kept)> = Vec::new();
-        for method in methods {
-            let first = made.first().map(|(_, prior)| &prior.refined.depth);
-            // The prior that is made here depends on the seed.
-            let seed =
-                (sample.prior.is_none() && matches!(self.prior, PriorPlan::Simulated)).then_some(method.seed);
-            let made_from = json!({
-                "input": fingerprint(&sample, first),
-                "settings": match first {
-                    Some(_) => method.settings(),
-                    None => json!({ "prior": own, "rule": self.rule, "seed": seed }),
-                },
-            });
-            let run = || match first {
-                None => Ok(self.prior_depth(prior.open(), &alone)?.into()),
-                Some(depth) => {
-                    let model = prior.open().prior();
-                    let task = Task {
-                        model: model.accepts_new_images().then_some(model),
-                        views: &views,
-                        focal_assumed: assumed_fov.is_some(),
-                        ..Task::new(sample.image.view(), &sample.camera, depth.view(), &self.rule)
-                    };
-                    let scene = MethodScene {
-                        id: &sample.id,
-                        task,
-                        prior: prior.open(),
-                        alone: &alone,
-                        photographs: &photographs,
-                        memory: self.limit.limit,
-                    };
-                    method.run(&scene, fields.as_ref())
-                }
-            };
+        let input = fingerprint(&sample, Some(&depth));
+        for method in others {
+            let made_from = json!({ "input": input, "settings": method.settings() });
+            let run = || method.run(&scene, &task, fields.as_ref());
             match self.stored_or_run(&sample, method, made_from, run, tally) {
                 Ok(kept) => made.push((method, kept)),
-                Err(error) if interrupt::requested() || method.name == PRIOR => return Err(error),
-                Err(error) => lock(tally).fail(&sample.id, Some(method), &error, 1),
+                Err(error) if interrupt::requested() => return Err(error),
+                Err(error) => lock(tally).fail(&sample.id, Some(method), &error),
             }
         }
         let mut entries = self.scoring.scene(&sample, &made, &self.store)?;
@@ -231,17 +204,6 @@ impl<'a> Evaluation<'a> {
         let place = self.source.data.place(index).map(str::to_owned);
         entries.iter_mut().for_each(|entry| entry.place.clone_from(&place));
         Ok(entries)
-    }
-
-    /// The prior's depth, of the photograph's size.
-    fn prior_depth(&self, prior: &OpenPrior<'_>, scene: &Scene) -> Result<Array2<f32>> {
-        let config = Config { disparity: self.rule.clone(), ..Preset::Default.config() };
-        let settings = Settings { config, memory: self.limit.limit, ..Settings::new(Preset::Default) };
-        let refiner = Refiner::new(prior, settings)?;
-        let photograph = &scene.photographs[0];
-        let plan = refiner.plan(&photograph.name, photograph.original, 1)?;
-        let depth = refiner.prepare(scene, &plan, &mut Interruptible)?.prior_depth()?;
-        Ok(depth)
     }
 
     /// The stored result if it was computed from the same inputs; otherwise runs the method and stores its result.
@@ -298,46 +260,32 @@ fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Sce
     Ok((alone, Scene::several(photographs, 0)?))
 }
 
-/// The monocular depths of the further photographs, where the data set has them.
-fn view_priors(sample: &Sample, rule: &DisparityRule) -> Result<Vec<Option<Array2<f32>>>> {
-    let depth =
-        |captured: &CapturedView| captured.prior.as_ref().map(|prior| prior.to_depth(rule)).transpose();
-    Ok(sample.views.iter().map(depth).collect::<Result<_, _>>()?)
-}
-
-/// Cameras of a field of view, the principal point in the middle.
-fn assume(sample: &mut Sample, fov: f64) -> Result<()> {
-    let views = sample.views.iter_mut().map(|captured| &mut captured.view.camera);
-    for camera in views.chain([&mut sample.camera]) {
-        *camera = PinholeCamera::from_fov(fov, camera.width, camera.height)?;
-    }
-    Ok(())
-}
-
 /// Progress over all runs.
 struct Tally<'t> {
     progress: &'t mut Progress,
-    jobs: usize,
+    /// Of a scene.
+    methods: usize,
     done: usize,
     all: usize,
-    /// Runs that were made now, and their seconds.
-    made: (usize, f64),
+    start: Instant,
+    /// Runs that were made since.
+    made: usize,
     failures: Vec<Failure>,
 }
 
 impl Tally<'_> {
     fn done(&mut self, scene: &str, method: &str, seconds: f64) {
         self.done += 1;
-        self.made = (self.made.0 + 1, self.made.1 + seconds);
+        self.made += 1;
         let text = format!("{scene} {method}: {seconds:.1} s");
         let value = json!({ "event": "method", "scene": scene, "method": method, "method_seconds": seconds });
-        let each = self.made.1 / self.made.0 as f64;
-        let left = each * self.all.saturating_sub(self.done) as f64 / self.jobs as f64;
+        let each = self.start.elapsed().as_secs_f64() / self.made as f64;
+        let left = each * self.all.saturating_sub(self.done) as f64;
         self.progress.piece(self.done, self.all, &text, Some(left), value);
     }
 
-    /// A method of a scene failed, or all its `runs`.
-    fn fail(&mut self, scene: &str, method: Option<&Method>, error: &anyhow::Error, runs: usize) {
+    /// A method of a scene failed, or all.
+    fn fail(&mut self, scene: &str, method: Option<&Method>, error: &anyhow::Error) {
         if interrupt::requested() {
             return;
         }
@@ -345,31 +293,26 @@ impl Tally<'_> {
         let method = method.map(|method| method.name.clone());
         let what = method.as_deref().unwrap_or("scene");
         self.progress.failed(format!("{scene} {what}: failed: {error}"));
-        self.done += runs;
+        self.done += if method.is_some() { 1 } else { self.methods };
         self.failures.push(Failure { scene, method, error });
     }
 }
 
-/// The memory limit of an evaluation's scenes.
-struct SceneLimit {
-    limit: MemoryLimit,
-    memory: SceneMemory,
-    /// Scenes at once.
+/// Refuses scenes of that size where those that run at once exceed the limit.
+fn check(
+    limit: &MemoryLimit,
+    memory: &SceneMemory,
     jobs: usize,
-}
-
-impl SceneLimit {
-    /// Refuses scenes of that size where those that run at once exceed the limit.
-    fn check(&self, what: &str, size: (usize, usize)) -> Result<()> {
-        let (with, jobs) = match self.jobs {
-            1 => ("with these methods".to_owned(), ""),
-            jobs => (format!("with these methods, {jobs} scenes at once,"), ", fewer --jobs"),
-        };
-        let bytes = |pixels| self.memory.bytes(pixels, self.jobs as u64);
-        let remedy = |fits| match fits {
-            Some((height, width)) => format!("give --size {width}x{height}, fewer views{jobs}"),
-            None => format!("give fewer methods, fewer views or a smaller field{jobs}"),
-        };
-        Ok(self.limit.check_with(what, size, &with, bytes, remedy)?)
-    }
+    what: &str,
+    size: (usize, usize),
+) -> Result<()> {
+    let (with, fewer) = match jobs {
+        1 => ("with these methods".to_owned(), ""),
+        jobs => (format!("with these methods, {jobs} scenes at once,"), ", fewer --jobs"),
+    };
+    let remedy = |fits| match fits {
+        Some((height, width)) => format!("give --size {width}x{height}, fewer views{fewer}"),
+        None => format!("give fewer methods, fewer views or a smaller field{fewer}"),
+    };
+    Ok(limit.check_with(what, size, &with, |pixels| memory.bytes(pixels, jobs as u64), remedy)?)
 }

@@ -24,6 +24,8 @@ const DEFINITIONS: u32 = 3;
 
 /// Separates a method's name from that of a trivial sigma.
 pub(crate) const SIGMA_BY: &str = ", sigma by ";
+/// Begins the name of the unsharp mask of equal sharpness.
+pub(crate) const UNSHARP: &str = "unsharp as sharp as ";
 
 /// How maps are scored.
 pub(crate) struct Scoring {
@@ -69,14 +71,6 @@ impl Scoring {
         format!("Alignment: {alignment}, {whose}. True depths from {range}{crop}.")
     }
 
-    fn config(&self, sample: &Sample) -> ScoreConfig {
-        let mut config = self.config.clone();
-        if !self.own_range && sample.trusted_depth.is_finite() {
-            config.max_depth = sample.trusted_depth;
-        }
-        config
-    }
-
     /// Scores every method of a scene; its controls follow it.
     pub(crate) fn scene(
         &self,
@@ -84,18 +78,16 @@ impl Scoring {
         made: &[(&Method, Kept)],
         store: &Store,
     ) -> Result<Vec<Entry>> {
-        let config = self.config(sample);
+        let mut config = self.config.clone();
+        if !self.own_range && sample.trusted_depth.is_finite() {
+            config.max_depth = sample.trusted_depth;
+        }
         let Some((_, prior)) = made.first() else { return Ok(Vec::new()) };
         let (id, truth) = (&sample.id, crc(sample.depth.view()));
         store.keep_picture(id, sample.image.view())?;
         let prior_depth = prior.refined.depth.view();
-        let against = Against {
-            sample,
-            prior: prior_depth,
-            config: &config,
-            shared: subject(prior_depth, sample).fit(&config)?,
-            all_shared: self.shared,
-        };
+        let shared = Subject::new(prior_depth, sample.depth.view()).fit(&config)?;
+        let against = Against { scoring: self, sample, prior: prior_depth, config: &config, shared };
         let mut entries = Vec::new();
         for (method, kept) in made {
             let made_from = json!({
@@ -108,7 +100,7 @@ impl Scoring {
                 entries.extend(scored.entries);
                 continue;
             }
-            let own = against.method(method, kept, self.controls).with_context(|| method.name.clone())?;
+            let own = against.method(method, kept).with_context(|| method.name.clone())?;
             let scored = Scored { made_from, entries: own };
             store.keep_scores(id, &method.name, &scored)?;
             entries.extend(scored.entries);
@@ -119,25 +111,29 @@ impl Scoring {
 
 /// A scene and the prior's alignment.
 struct Against<'a> {
+    scoring: &'a Scoring,
     sample: &'a Sample,
     prior: ArrayView2<'a, f32>,
     config: &'a ScoreConfig,
     /// The prior's alignment.
     shared: Alignment,
-    /// Whether every method is scored under it.
-    all_shared: bool,
 }
 
 impl Against<'_> {
-    fn method(&self, method: &Method, kept: &Kept, controls: bool) -> Result<Vec<Entry>> {
+    fn method(&self, method: &Method, kept: &Kept) -> Result<Vec<Entry>> {
         let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
         let mut own = self.entry(depth, sigma, &method.label)?;
         own.set("seconds", kept.seconds);
         let mut entries = vec![own];
-        if controls && method.config().is_some() {
-            entries.push(self.unsharp(depth, &method.label)?);
+        if self.scoring.controls && method.config().is_some() {
+            // The unsharp mask of the prior that is as sharp.
+            let rule = DisparityRule::default();
+            let task = Task::new(self.sample.image.view(), &self.sample.camera, self.prior, &rule);
+            let unsharp = Unsharp::matching(self.prior, depth)?.refine(&task)?;
+            let name = format!("{UNSHARP}{}", method.label);
+            entries.push(self.entry(unsharp.depth.view(), None, &name)?);
         }
-        if controls && (method.name == PRIOR || sigma.is_some()) {
+        if self.scoring.controls && (method.name == PRIOR || sigma.is_some()) {
             entries.extend(self.trivial_sigmas(depth, &entries[0])?);
         }
         entries.iter_mut().for_each(|entry| entry.seed = method.seed);
@@ -145,9 +141,9 @@ impl Against<'_> {
     }
 
     fn entry(&self, depth: ArrayView2<'_, f32>, sigma: Option<&Array2<f32>>, name: &str) -> Result<Entry> {
-        let mut subject = subject(depth, self.sample);
+        let mut subject = Subject::new(depth, self.sample.depth.view());
         subject.sigma = sigma.map(|sigma| sigma.view());
-        let scores = match self.all_shared {
+        let scores = match self.scoring.shared {
             true => score_aligned(&subject, &self.shared, self.config)?,
             false => score(&subject, self.config)?,
         };
@@ -156,24 +152,17 @@ impl Against<'_> {
         Ok(entry)
     }
 
-    /// The unsharp mask of the prior that is as sharp as `depth`.
-    fn unsharp(&self, depth: ArrayView2<'_, f32>, label: &str) -> Result<Entry> {
-        let rule = DisparityRule::default();
-        let task = Task::new(self.sample.image.view(), &self.sample.camera, self.prior, &rule);
-        let unsharp = Unsharp::matching(self.prior, depth)?.refine(&task)?;
-        self.entry(unsharp.depth.view(), None, &format!("unsharp as sharp as {label}"))
-    }
-
     /// Scores of trivial sigmas for `depth`, whose entry is `of`.
     fn trivial_sigmas(&self, depth: ArrayView2<'_, f32>, of: &Entry) -> Result<Vec<Entry>> {
-        let alignment = match self.all_shared {
+        let truth = self.sample.depth.view();
+        let alignment = match self.scoring.shared {
             true => self.shared,
-            false => subject(depth, self.sample).fit(self.config)?,
+            false => Subject::new(depth, truth).fit(self.config)?,
         };
         let mut entries = Vec::new();
         for trivial in TrivialSigma::ALL {
             let sigma = trivial.map(depth, self.sample.image.view())?;
-            let subject = subject(depth, self.sample).with_sigma(sigma.view());
+            let subject = Subject::new(depth, truth).with_sigma(sigma.view());
             let scores = score_uncertainty(&subject, &alignment, self.config)?;
             if scores.curves.is_some() {
                 let method = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
@@ -183,10 +172,6 @@ impl Against<'_> {
         }
         Ok(entries)
     }
-}
-
-fn subject<'a>(depth: ArrayView2<'a, f32>, sample: &'a Sample) -> Subject<'a> {
-    Subject::new(depth, sample.depth.view())
 }
 
 fn crc(map: ArrayView2<'_, f32>) -> u32 {

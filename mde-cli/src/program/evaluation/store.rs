@@ -4,15 +4,15 @@ use crate::program::provenance::write_json;
 use crate::program::report::PICTURE;
 use crate::program::store::entry::Entry;
 use crate::program::store::folder::{
-    NewFolder, check_own, file_name, folders_in, remove_unfinished, replace,
+    OpenFolder, check_own, file_name, folders_in, remove_unfinished, replace,
 };
-use crate::program::store::lock::{self, Lock};
-use crate::scene::size::resized;
+use crate::program::store::lock;
+use crate::scene::size::thumbnail;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;
-use ndarray::{Array2, ArrayView3};
+use ndarray::ArrayView3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -27,18 +27,14 @@ const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
 /// The folder of the scenes' folders.
 const SCENES: &str = "scenes";
-/// Longest side of the reduced image, pixels.
-const PICTURE_SIDE: usize = 320;
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
 #[derive(Debug)]
 pub(crate) struct Store {
-    root: PathBuf,
+    pub(crate) root: PathBuf,
     /// Whether other shards write into the folder.
     shared: bool,
-    // Dropped in this order: the folder can go once the lock is gone.
-    _lock: Option<Lock>,
-    _made: NewFolder,
+    _folder: OpenFolder,
 }
 
 /// A method's result for one scene, with the record of what it was computed from.
@@ -61,26 +57,14 @@ impl Store {
     /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
     /// into the folder.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
-        check_own(root, |path| path == root.join(BASIS), |_| false, BASIS)?;
-        let made = NewFolder::make(root)?;
-        let lock = if shared { None } else { Lock::take(root)? };
-        let store = Self { root: root.to_owned(), shared, _lock: lock, _made: made };
-        store.start(basis, force)?;
-        Ok(store)
-    }
-
-    fn start(&self, basis: &Value, force: bool) -> Result<()> {
-        let root = &self.root;
-        let shown = root.display();
-        let path = root.join(BASIS);
+        check_own(root, BASIS, Path::exists, |_| false)?;
+        let folder = OpenFolder::open(root, shared)?;
+        let (path, scenes, shown) = (root.join(BASIS), root.join(SCENES), root.display());
         if path.is_file() && force {
-            let scenes = root.join(SCENES);
             if scenes.exists() {
-                fs::remove_dir_all(scenes).with_context(|| shown.to_string())?;
+                fs::remove_dir_all(&scenes).with_context(|| shown.to_string())?;
             }
-            fs::remove_file(&path).with_context(|| path.display().to_string())?;
-        }
-        if path.is_file() {
+        } else if path.is_file() {
             let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
             let old: Value = serde_json::from_str(&text)
                 .with_context(|| format!("{}: broken; give --force to start over", path.display()))?;
@@ -89,22 +73,17 @@ impl Store {
                     "{shown}: contains another evaluation ({change}); give another name to -o, or --force to start over"
                 );
             }
-        } else {
+        }
+        if force || !path.is_file() {
             write_json(&path, basis)?;
         }
-        if !self.shared {
-            // What interrupted runs left.
-            remove_unfinished(root);
-            for scene in folders_in(&root.join(SCENES)) {
+        if !shared {
+            for scene in folders_in(&scenes) {
                 remove_unfinished(&scene);
                 folders_in(&scene).iter().for_each(|method| remove_unfinished(method));
             }
         }
-        Ok(())
-    }
-
-    pub(crate) fn root(&self) -> &Path {
-        &self.root
+        Ok(Self { root: root.to_owned(), shared, _folder: folder })
     }
 
     /// Removes the folder if it has no results, after a run that failed before its first map.
@@ -121,7 +100,7 @@ impl Store {
         }
     }
 
-    pub(crate) fn scene(&self, scene: &str) -> PathBuf {
+    fn scene(&self, scene: &str) -> PathBuf {
         self.root.join(SCENES).join(file_name(scene))
     }
 
@@ -132,20 +111,17 @@ impl Store {
     /// The stored result of a method, if there is one; an error has the reason why it can't be used, such as another `made_from`.
     pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Option<Kept>, String> {
         let folder = self.folder(scene, method);
-        let path = folder.join(RECORD);
-        if !path.is_file() {
+        if !folder.join(RECORD).is_file() {
             return Ok(None);
         }
-        let entry = Entry::<Row>::read(&folder, RECORD);
-        let entry = entry.ok_or_else(|| format!("{} is broken", path.display()))?;
+        let broken = || format!("{} is not as it was written", folder.display());
+        let entry = Entry::<Row>::read(&folder, RECORD).ok_or_else(broken)?;
         difference(&entry.made_from, made_from).map_or(Ok(()), Err)?;
-        let map = |name: &str| -> Result<Array2<f32>, String> {
-            // Read as plain values, since a sigma of zeros alone is valid.
-            decode(Format::Npy, &entry.file(&folder, name)?, &ReadOptions::default())
-                .map_err(|e| format!("{}: {e}", folder.join(name).display()))
-        };
-        let depth = map(DEPTH)?;
-        let sigma = entry.files.contains_key(Path::new(SIGMA)).then(|| map(SIGMA)).transpose()?;
+        // Read as plain values, since a sigma of zeros alone is valid.
+        let map = |name: &str| decode(Format::Npy, &entry.file(&folder, name)?, &ReadOptions::default()).ok();
+        let depth = map(DEPTH).ok_or_else(broken)?;
+        let has_sigma = entry.files.contains_key(Path::new(SIGMA));
+        let sigma = has_sigma.then(|| map(SIGMA).ok_or_else(broken)).transpose()?;
         let Entry { made_from, row: Row { seconds, report }, .. } = entry;
         Ok(Some(Kept { refined: Refined { depth, sigma, report }, made_from, seconds }))
     }
@@ -167,10 +143,7 @@ impl Store {
         if path.is_file() {
             return Ok(());
         }
-        let (height, width, _) = image.dim();
-        let scale = (PICTURE_SIDE as f64 / width.max(height) as f64).min(1.0);
-        let side = |pixels: usize| ((pixels as f64 * scale).round() as usize).max(1);
-        Ok(write_image(path, resized(image, side(width), side(height)).view())?)
+        Ok(write_image(path, thumbnail(image).view())?)
     }
 
     /// Stores a method's result, in place of an older one.
@@ -190,27 +163,23 @@ impl Store {
 
 /// The first place where two JSON values differ, as `key.key: old -> new`.
 fn difference(old: &Value, new: &Value) -> Option<String> {
-    match (old, new) {
-        (Value::Object(old), Value::Object(new)) => {
-            let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
-            keys.into_iter().find_map(|key| {
-                let [before, after] = [old, new].map(|map| map.get(key).unwrap_or(&Value::Null));
-                let change = difference(before, after)?;
-                Some(if change.starts_with(": ") {
-                    format!("{key}{change}")
-                } else {
-                    format!("{key}.{change}")
-                })
-            })
-        }
-        (old, new) if old == new => None,
-        (old, new) => Some(format!(": {old} -> {new}")),
+    if old == new {
+        return None;
     }
+    let (Some(before), Some(after)) = (old.as_object(), new.as_object()) else {
+        return Some(format!(": {old} -> {new}"));
+    };
+    before.keys().chain(after.keys()).find_map(|key| {
+        let change = difference(&old[key], &new[key])?;
+        let dot = if change.starts_with(": ") { "" } else { "." };
+        Some(format!("{key}{dot}{change}"))
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::Array2;
     use serde_json::json;
 
     fn entry(made_from: Value) -> Kept {
@@ -220,64 +189,47 @@ mod tests {
     }
 
     #[test]
-    fn a_stored_result_is_found_and_one_of_other_inputs_is_stale() {
+    fn a_stored_result_is_found_and_one_of_other_inputs_or_a_broken_one_is_stale() {
         let place = tempfile::tempdir().unwrap();
         let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false, false).unwrap();
         let made_from = json!({ "config": { "seed": 1 } });
         assert!(store.find("a/b", "paper", &made_from).unwrap().is_none());
-        store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
-        let found = store.find("a/b", "paper", &made_from).unwrap().unwrap();
-        assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
-        assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
-        assert_eq!((found.seconds, found.refined.report), (1.5, json!({ "a": 1.0 })));
-        let exact = Kept {
-            refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
-            ..entry(made_from.clone())
-        };
-        store.keep("a/b", "exact", &exact).unwrap();
-        let found = store.find("a/b", "exact", &made_from).unwrap().unwrap();
-        assert_eq!(found.refined.sigma, exact.refined.sigma);
+        let exact = Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined };
+        for (name, refined) in [("paper", entry(Value::Null).refined), ("exact", exact)] {
+            let kept = Kept { refined: refined.clone(), ..entry(made_from.clone()) };
+            store.keep("a/b", name, &kept).unwrap();
+            let found = store.find("a/b", name, &made_from).unwrap().unwrap();
+            assert_eq!((found.refined, found.seconds), (refined, 1.5));
+        }
         let other = json!({ "config": { "seed": 2 } });
         assert_eq!(store.find("a/b", "paper", &other).unwrap_err(), "config.seed: 1 -> 2");
-    }
-
-    #[test]
-    fn another_evaluation_is_refused_and_force_starts_over() {
-        let place = tempfile::tempdir().unwrap();
-        let root = place.path().join("e");
-        let store = Store::open(&root, &json!({ "size": "native" }), false, false).unwrap();
-        store.keep("a", "paper", &entry(Value::Null)).unwrap();
-        drop(store);
-        let other = json!({ "size": [640, 480] });
-        let refused = Store::open(&root, &other, false, false).unwrap_err().to_string();
-        assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
-        let store = Store::open(&root, &other, true, false).unwrap();
-        assert!(store.find("a", "paper", &Value::Null).unwrap().is_none());
-        fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &other, true, false).is_err());
+        fs::write(store.folder("a/b", "paper").join(RECORD), "{").unwrap();
+        assert!(store.find("a/b", "paper", &made_from).is_err());
     }
 
     /// As after a kill at any moment: before the first file is in place, and beside finished results.
     #[test]
-    fn unfinished_files_stop_no_run_and_are_removed() {
+    fn unfinished_files_stop_no_run_and_are_removed_and_force_starts_over() {
         let place = tempfile::tempdir().unwrap();
         let root = place.path().join("e");
         fs::create_dir(&root).unwrap();
         fs::write(root.join(".mde-AbCdEf"), "{ \"si").unwrap();
-        let basis = json!({ "size": "native" });
-        let store = Store::open(&root, &basis, false, false).unwrap();
-        assert!(!root.join(".mde-AbCdEf").exists());
+        let open = |force: bool| Store::open(&root, &json!({ "size": "native" }), force, false).unwrap();
+        let store = open(false);
+        assert!(!root.join(".mde-AbCdEf").exists() && root.join(lock::FILE).exists());
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
         let left =
             ["scenes/a/paper/.mde-scores", "scenes/a/.mde-picture", ".mde-table"].map(|name| root.join(name));
         left.iter().for_each(|path| fs::write(path, "x").unwrap());
         fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
         drop(store);
-        let store = Store::open(&root, &basis, false, false).unwrap();
+        let store = open(false);
         assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
         assert!(store.find("a", "paper", &Value::Null).unwrap().is_some());
+        drop(store);
+        assert!(open(true).find("a", "paper", &Value::Null).unwrap().is_none());
         // Someone else's file is not ours to remove.
         fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &basis, false, false).is_err());
+        assert!(Store::open(place.path(), &json!({}), true, false).is_err());
     }
 }

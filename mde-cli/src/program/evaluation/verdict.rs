@@ -1,7 +1,7 @@
 //! An evaluation in a few sentences: which method is better than the reference in what, beyond chance.
 
 use crate::program::evaluation::runner::Failure;
-use crate::program::evaluation::scoring::SIGMA_BY;
+use crate::program::evaluation::scoring::{SIGMA_BY, UNSHARP};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::{MethodSummary, Statistics, Summary};
 use std::collections::BTreeMap;
@@ -16,11 +16,17 @@ const HEADLINE: &str = "abs_rel";
 
 /// A sentence for each method, the smallest error first.
 pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
+    // Controls are no methods.
+    let is_method = |name: &str| !name.contains(SIGMA_BY) && !name.starts_with(UNSHARP);
     let mut methods: Vec<&MethodSummary> = summary.methods.iter().filter(|m| is_method(&m.method)).collect();
     let error = |method: &MethodSummary| method.metrics.get(HEADLINE).map_or(f64::INFINITY, |s| s.mean);
     methods.sort_by(|a, b| error(a).total_cmp(&error(b)));
     let Some(reference) = &summary.reference else {
-        return methods.iter().filter_map(|method| alone(method)).collect();
+        let alone = |method: &&MethodSummary| {
+            let error = method.metrics.get(HEADLINE)?;
+            Some(format!("{}: AbsRel {:.4} over {} scenes", method.method, error.mean, error.scenes))
+        };
+        return methods.iter().filter_map(alone).collect();
     };
     let own = summary.get(reference, HEADLINE).map(|s| s.mean);
     let mut lines: Vec<String> = methods
@@ -58,16 +64,6 @@ pub(crate) fn failures(failures: &[Failure]) -> Vec<String> {
     groups.into_iter().map(line).collect()
 }
 
-/// Whether this is a method and not a control of one.
-fn is_method(name: &str) -> bool {
-    !name.contains(SIGMA_BY) && !name.starts_with("unsharp as sharp as ")
-}
-
-fn alone(method: &MethodSummary) -> Option<String> {
-    let error = method.metrics.get(HEADLINE)?;
-    Some(format!("{}: AbsRel {:.4} over {} scenes", method.method, error.mean, error.scenes))
-}
-
 fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String {
     let headline = method.metrics.get(HEADLINE).zip(own).map_or_else(String::new, |(s, own)| {
         let change = match s.ratio {
@@ -77,7 +73,9 @@ fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String
         format!("AbsRel {own:.4} -> {:.4}{change}; ", s.mean)
     });
     let (mut better, mut worse, mut open) = (Vec::new(), Vec::new(), 0);
-    for metric in METRICS.iter().filter(|m| m.shown && judges(m.group)) {
+    // Gradients are raised by any sharpening, and seconds are no quality.
+    let judges = |metric: &&Metric| metric.shown && !matches!(metric.group, Group::Gradient | Group::Cost);
+    for metric in METRICS.iter().filter(judges) {
         match method.metrics.get(metric.key).and_then(|s| gain(metric, s)) {
             None => {}
             Some(0) => open += 1,
@@ -97,11 +95,6 @@ fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String
         String::new()
     };
     format!("{}: {headline}{text}{rest}", method.method)
-}
-
-/// Gradients are raised by any sharpening, and seconds are no quality.
-fn judges(group: Group) -> bool {
-    !matches!(group, Group::Gradient | Group::Cost)
 }
 
 /// 1 for better beyond chance, -1 for worse, 0 for neither; nothing where the metric ranks nothing.
@@ -132,12 +125,10 @@ fn named(labels: &[&str], others: &[&str]) -> String {
             shortened.push(name);
         }
     }
-    let labels = shortened;
-    let shown = labels.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
-    match labels.len().saturating_sub(NAMED) {
-        0 => shown,
-        more => format!("{shown} and {more} more"),
-    }
+    let more = shortened.len().saturating_sub(NAMED);
+    shortened.truncate(NAMED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    shortened.join(", ") + &more
 }
 
 #[cfg(test)]

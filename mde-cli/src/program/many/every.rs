@@ -1,29 +1,22 @@
-//! Every photograph of a capture refined: a folder for each, their poses, and one cloud.
-//!
-//! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same photographs and
-//! settings keeps the folder. The files of all photographs are written at the end.
+//! Every photograph of a capture refined. The files of all of them, such as the poses and one cloud, are written at the end.
 
 use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
 use crate::output::export::colmap_dense::{FOLDER as WORKSPACE, LIST};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
-use crate::program::args::shard::Shard;
-use crate::program::error::{message, partial};
+use crate::program::args::DenseArgs;
+use crate::program::error::message;
 use crate::program::interrupt;
 use crate::program::job::Job;
-use crate::program::many::item::{finished, mark};
+use crate::program::many::{finish, finished, mark};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::{INDEX, every_page};
-use crate::program::store::folder::{
-    ENTRY, NewFolder, OutputFolder, RECORD, check_own, folders_in, read_record, remove_unfinished,
-};
-use crate::program::store::lock::Lock;
+use crate::program::store::folder::{OpenFolder, OutputFolder, RECORD};
 use crate::program::summary::intervals;
-use crate::program::terminal::line_of;
+use crate::refiner::Plan;
 use crate::refiner::depth_png::MILLIMETRES;
-use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
 use crate::several::cloud::RefinedView;
 use anyhow::{Result, bail};
@@ -40,74 +33,60 @@ const OF_ALL: [&str; 5] = [WORKSPACE, CLOUD, TRANSFORMS, INDEX, RECORD];
 
 /// Checks that the folder is new, or one of an earlier run on a capture; creates nothing.
 pub(crate) fn check_folder(output: &Path) -> Result<()> {
-    let is_finished = |folder: &Path| folder.join(ENTRY).is_file();
-    // A killed run leaves finished photographs, and beside them files of all.
-    let any = folders_in(output).iter().any(|folder| is_finished(folder));
-    let is_own = |path: &Path| is_finished(path) || any && OF_ALL.iter().any(|file| path.ends_with(file));
-    let is_record = |path: &Path| {
-        path.ends_with(RECORD) && read_record(path).is_some_and(|record| record["photographs"].is_array())
-    };
-    check_own(output, is_record, is_own, RECORD)
+    super::check_folder(output, RECORD, &OF_ALL)
 }
 
-/// What of a capture a run refines.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Part {
-    /// Some of the photographs, without the files of all.
-    pub(crate) shard: Option<Shard>,
-    /// What an earlier run finished too.
-    pub(crate) force: bool,
-}
-
-/// Refines the photographs of the job's capture. Those that a run of the same photographs and settings finished stay as they are.
+/// Refines the photographs of the job's capture, or the part that the arguments name.
 pub(crate) fn run(
     job: &Job<'_>,
     scene: &Scene,
     plan: &Plan,
-    input: &str,
+    args: &DenseArgs,
     output: &Path,
-    Part { shard, force }: Part,
     progress: &mut Progress,
 ) -> Result<()> {
-    // Removed again where nothing comes into it.
-    let _made = NewFolder::make(output)?;
-    let _lock = match shard {
-        None => {
-            let lock = Lock::take(output)?;
-            remove_unfinished(output);
-            lock
-        }
-        Some(_) => None,
-    };
+    let _folder = OpenFolder::open(output, args.shard.is_some())?;
     let settings = job.refiner.settings();
-    let made_from = format!("{:?} {} {}", versions(), job.refiner.identity()?, scene.identity());
     // What is made of all photographs changes none of them.
     let of_each: Vec<_> = job.export.iter().filter(|format| !format.is_of_capture()).collect();
-    let made_from = format!("{made_from} {of_each:?}");
+    let of_all = format!("{:?} {} {} {of_each:?}", versions(), job.refiner.identity()?, scene.identity());
     let mut prepared = job.refiner.prepare(scene, plan, progress)?;
     let prior_seconds = prepared.prior_seconds();
     let photographs = scene.photographs.iter().map(|photograph| Path::new(&photograph.name));
     let folders = folders(photographs, &OF_ALL);
     let (mut rows, mut placed) = (Vec::<PhotographRow>::new(), Vec::new());
-    for (index, photograph) in scene.photographs.iter().enumerate() {
-        if shard.is_some_and(|shard| !shard.has(&folders[index])) {
+    for (index, (photograph, folder)) in scene.photographs.iter().zip(&folders).enumerate() {
+        if args.shard.is_some_and(|shard| !shard.has(folder)) {
             continue;
         }
-        let place = output.join(&folders[index]);
+        let (place, made_from) = (output.join(folder), format!("{of_all} {folder}"));
         let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
-        let kept = finished(&place).filter(|kept| {
-            !force && kept.made_from == made_from && kept.row.folder.as_deref() == Some(&*folders[index])
-        });
-        let row = match kept {
-            Some(kept) => {
+        let row = match finished(&place, &made_from).filter(|_| !args.common.run.force) {
+            Some(row) => {
                 progress.next(&format!("{counted}: finished before"));
-                kept.row
+                row
             }
             None => {
                 // Those of an earlier run are of other maps than the photograph will have.
                 OF_ALL.iter().chain([&LIST]).for_each(|name| drop(fs::remove_file(output.join(name))));
                 progress.next(&counted);
-                one(job, &mut prepared, index, &photograph.name, &place, &made_from, progress)?
+                let (name, start) = (&photograph.name, Instant::now());
+                let mut row = PhotographRow { folder: Some(folder.clone()), ..PhotographRow::new(name) };
+                let refined = OutputFolder::new(&place, true).and_then(|folder| {
+                    job.produce(&mut prepared, index, name, &folder, progress, |path, refined, _| {
+                        row.measure(refined);
+                        row.seconds = start.elapsed().as_secs_f64();
+                        mark(path, &made_from, &row)
+                    })
+                });
+                match refined {
+                    Ok(_) => row,
+                    Err(error) if interrupt::requested() => return Err(error),
+                    Err(error) => {
+                        let seconds = start.elapsed().as_secs_f64();
+                        PhotographRow { seconds, ..PhotographRow::failed(name, &message(&error)) }
+                    }
+                }
             }
         };
         if let Some((camera, pose)) = prepared.several().and_then(|several| row.placed(several, index)) {
@@ -120,46 +99,36 @@ pub(crate) fn run(
     {
         bail!("no photograph could be refined: {first}");
     }
-    if shard.is_some() {
-        let text = format!(
-            "{} photographs; the same command without --shard writes the cloud and the index",
-            rows.len()
-        );
-        progress.result(
-            &text,
-            json!({ "event": "done", "output": output.display().to_string(), "photographs": rows }),
-        );
-        return partial(
-            rows.iter().filter(|row| row.folder.is_none()).count(),
-            rows.iter().find_map(PhotographRow::failure),
-            output,
-        );
+    let more = intervals(&settings.error_bar);
+    if args.shard.is_some() {
+        return finish(&rows, output, None, &Document::default(), &more, json!({}), progress);
     }
-    let unreadable = scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error));
-    rows.extend(unreadable);
-    let maps = placed.iter().map(|(index, ..)| Maps::read(&output.join(&folders[*index])));
+    rows.extend(scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error)));
+    let maps = placed.iter().map(|(index, ..)| maps(&output.join(&folders[*index])));
     let maps = maps.collect::<Result<Vec<_>>>()?;
-    let views = placed.iter().zip(&maps).map(|(&(index, camera, pose), maps)| RefinedView {
-        folder: &folders[index],
-        image: scene.photographs[index].image.view(),
-        camera,
-        pose,
-        depth: maps.depth.view(),
-        sigma: maps.sigma.view(),
-        png_scale: maps.png_scale,
-    });
-    let points = write_all(output, &views.collect::<Vec<_>>(), prepared.unit(), job.export)?;
+    let views =
+        placed.iter().zip(&maps).map(|(&(index, camera, pose), (depth, sigma, png_scale))| RefinedView {
+            folder: &folders[index],
+            image: scene.photographs[index].image.view(),
+            camera,
+            pose,
+            depth: depth.view(),
+            sigma: sigma.view(),
+            png_scale: *png_scale,
+        });
+    let views: Vec<_> = views.collect();
+    let points = write_all(output, &views, prepared.unit(), job.export)?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(&rows).as_bytes())?;
-    let about = About {
-        warnings: progress.all_warnings(),
-        total_seconds: progress.seconds(),
-        ..about("dense", input.to_owned(), prepared.camera(), Some(settings), progress)
-    };
+    let input = args.capture.display().to_string();
     let Some(several) = prepared.several() else {
         bail!("{input}: one photograph; give two or more of one place")
     };
     let record = EveryRecord {
-        about,
+        about: About {
+            warnings: progress.all_warnings(),
+            total_seconds: progress.seconds(),
+            ..about("dense", input, prepared.camera(), Some(settings), progress)
+        },
         unit: prepared.unit(),
         photographs: &rows,
         poses: several.report(),
@@ -167,64 +136,21 @@ pub(crate) fn run(
         prior_seconds,
     };
     write_json(&output.join(RECORD), &record)?;
-    let value = json!({ "event": "done", "output": output.display().to_string(), "photographs": rows, "points": points });
-    let text = format!(
-        "{points} points in {CLOUD}\n{}wrote {} in {:.1} s",
-        intervals(&settings.error_bar),
-        line_of(output),
-        progress.seconds()
+    let (tables, more) = (
+        Document { blocks: vec![Block::Table(table(&rows))] },
+        format!("{points} points in {CLOUD}\n{more}"),
     );
-    progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, value);
-    let failed = rows.iter().filter(|row| row.folder.is_none()).count();
-    partial(failed, rows.iter().find_map(PhotographRow::failure), output)
+    finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)
 }
 
-/// Refines one photograph into its folder. Only an interruption is an error; what else fails is in the row.
-fn one(
-    job: &Job<'_>,
-    prepared: &mut Prepared<'_>,
-    index: usize,
-    name: &str,
-    place: &Path,
-    made_from: &str,
-    progress: &mut Progress,
-) -> Result<PhotographRow> {
-    let start = Instant::now();
-    let mut row = PhotographRow::new(name);
-    let refined = OutputFolder::new(place, true).and_then(|folder| {
-        job.produce(prepared, index, name, &folder, progress, |path, refined, _| {
-            row.measure(refined);
-            row.folder = place.file_name().map(|folder| folder.to_string_lossy().into_owned());
-            row.seconds = start.elapsed().as_secs_f64();
-            mark(path, made_from, &row)
-        })
-    });
-    match refined {
-        Ok(_) => Ok(row),
-        Err(error) if interrupt::requested() => Err(error),
-        Err(error) => Ok(PhotographRow {
-            seconds: start.elapsed().as_secs_f64(),
-            ..PhotographRow::failed(name, &message(&error))
-        }),
-    }
-}
-
-/// The maps in a photograph's folder, which are not all in memory before.
-struct Maps {
-    depth: Array2<f32>,
-    sigma: Array2<f32>,
-    png_scale: f64,
-}
-
-impl Maps {
-    fn read(folder: &Path) -> Result<Self> {
-        let map = |name: &str| read_values(folder.join(name), &ReadOptions::default());
-        let png_scale = match png_content(folder.join("depth.png"))? {
-            Some(PngContent::Depth { scale, .. }) => scale,
-            _ => MILLIMETRES,
-        };
-        Ok(Self { depth: map("depth.npy")?, sigma: map("sigma.npy")?, png_scale })
-    }
+/// Depth, sigma and the scale of `depth.png` in the folder of a photograph; not all are in memory before.
+fn maps(folder: &Path) -> Result<(Array2<f32>, Array2<f32>, f64)> {
+    let map = |name: &str| read_values(folder.join(name), &ReadOptions::default());
+    let scale = match png_content(folder.join("depth.png"))? {
+        Some(PngContent::Depth { scale, .. }) => scale,
+        _ => MILLIMETRES,
+    };
+    Ok((map("depth.npy")?, map("sigma.npy")?, scale))
 }
 
 fn percent(share: Option<f64>) -> String {
@@ -234,13 +160,9 @@ fn percent(share: Option<f64>) -> String {
 fn table(rows: &[PhotographRow]) -> Table {
     let heads = ["photograph", "result", "verified, %", "sigma / depth, %", "seconds"];
     let rows = rows.iter().map(|row| {
-        let result = match (row.failed_or_alone(), &row.folder) {
-            (None, folder) => folder.clone().unwrap_or_default(),
-            (Some(text), _) => text,
-        };
         vec![
             row.photograph.clone(),
-            result,
+            row.failed_or_alone().or_else(|| row.folder.clone()).unwrap_or_default(),
             percent(row.verified.map(f64::from)),
             percent(row.sigma),
             format!("{:.1}", row.seconds),

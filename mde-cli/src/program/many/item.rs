@@ -1,59 +1,58 @@
 //! One of many photographs: its marker, its refinement, its row.
 
-use crate::error::Error;
 use crate::output::every::PhotographRow;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
+use crate::prior::hash_files;
 use crate::program::args::RefineArgs;
 use crate::program::error::message;
 use crate::program::job::Job;
+use crate::program::many::index::TABLE;
+use crate::program::many::{finished, mark};
 use crate::program::open::photographs::content;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
-use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, OutputFolder, list_files};
-use crate::program::workers::caught;
-use crate::refiner::{Plan, Refined, Refiner};
+use crate::program::store::folder::OutputFolder;
+use crate::program::workers::{caught, side_by_side};
+use crate::refiner::same_scale::{OneScale, groups_warning};
+use crate::refiner::{Observer, Plan, Refined, Refiner, Silent};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
-use anyhow::{Result, ensure};
-use mde_prior::photo::{decode_image, write_rgb_png};
-use mde_prior::{FileKind, open};
+use anyhow::Result;
+use mde_prior::photo::{decode_image, write_image};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Photograph, depth and sigma, small.
-pub(crate) const THUMBNAIL: &str = "thumbnail.png";
+pub(super) const THUMBNAIL: &str = "thumbnail.png";
 /// Height of a thumbnail, pixels.
 const HEIGHT: usize = 120;
+/// Photographs that are prepared for one scale, and then compared, side by side.
+const CHUNK: usize = 16;
 
 /// A photograph and the name of its folder.
-pub(crate) struct Item {
-    pub(crate) path: PathBuf,
-    pub(crate) folder: String,
+pub(super) struct Item {
+    pub(super) path: PathBuf,
+    pub(super) folder: String,
     /// The factor of `--same-scale`.
-    pub(crate) same_scale: Option<SameScale>,
+    pub(super) same_scale: Option<SameScale>,
 }
 
 /// What all photographs share.
-pub(crate) struct Common<'c> {
-    pub(crate) args: &'c RefineArgs,
-    pub(crate) output: &'c Path,
-    pub(crate) job: Job<'c>,
+pub(super) struct Common<'c> {
+    pub(super) args: &'c RefineArgs,
+    pub(super) output: &'c Path,
+    pub(super) job: Job<'c>,
     /// Everything but the photograph that the results depend on.
-    pub(crate) settings: String,
+    pub(super) settings: String,
 }
 
 /// Everything but the photographs that the results depend on, files by their content.
-pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
+pub(super) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
     let camera = &args.common.camera;
-    let content = |path: &PathBuf| -> Result<u32> {
-        let bytes = open::read(path, FileKind::Settings).map_err(Error::read(path))?;
-        Ok(crc32fast::hash(&bytes))
-    };
-    let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
+    let intrinsics = hash_files(camera.intrinsics.as_deref())?;
     Ok(json!({
         "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.common.results.export),
         "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.same_scale,
@@ -63,15 +62,9 @@ pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<St
 
 impl Common<'_> {
     /// Refines a photograph, unless its folder is finished. What fails is in the row.
-    pub(crate) fn one(&self, item: &Item) -> PhotographRow {
+    pub(super) fn one(&self, item: &Item) -> PhotographRow {
         let made = caught(|| self.made(item, &mut Progress::silent()));
         made.unwrap_or_else(|error| PhotographRow::failed(&item.path.display().to_string(), &message(&error)))
-    }
-
-    /// The plan of a photograph, by its header alone; what has no header fails when it is decoded.
-    fn plan(&self, item: &Item) -> Result<Plan> {
-        let size = scene::size(&item.path);
-        Ok(self.job.refiner.plan(&item.path.display().to_string(), size, 1)?)
     }
 
     /// How many photographs run side by side, at most one more than processors: while one is decoded or written, the others keep the
@@ -90,7 +83,7 @@ impl Common<'_> {
     }
 
     /// The photograph of that content at its size.
-    pub(super) fn opened(&self, item: &Item, bytes: Vec<u8>, progress: &mut Progress) -> Result<Photograph> {
+    fn opened(&self, item: &Item, bytes: Vec<u8>, progress: &mut Progress) -> Result<Photograph> {
         let photo = decode_image(&bytes).map_err(|error| match error {
             mde_prior::Error::Input(reason) => anyhow::anyhow!(reason),
             other => other.into(),
@@ -101,42 +94,30 @@ impl Common<'_> {
 
     /// Everything that the results depend on, the photograph by its content.
     fn made_from(&self, item: &Item, bytes: &[u8]) -> String {
-        let made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(bytes), bytes.len());
-        match &item.same_scale {
-            Some(same_scale) => format!("{made_from} {}", same_scale.key()),
-            None => made_from,
-        }
+        let same_scale = item.same_scale.map(|found| found.key());
+        format!("{} {:08x} {} {same_scale:?}", self.settings, crc32fast::hash(bytes), bytes.len())
     }
 
     fn made(&self, item: &Item, progress: &mut Progress) -> Result<PhotographRow> {
         let Item { path, folder, same_scale } = item;
+        let start = Instant::now();
         let shown = path.display().to_string();
         let place = self.output.join(folder);
-        // Read the marker first: it is a thousand times cheaper than planning.
-        let marker = finished(&place).filter(|_| !self.args.common.run.force);
-        let same_scale_group = same_scale.map(|found| found.group);
-        if let Some(marker) = marker
-            && marker.made_from == self.made_from(item, &content(path)?)
-        {
-            return Ok(PhotographRow { photograph: shown, kept: true, same_scale_group, ..marker.row });
-        }
-        ensure!(path.exists(), "no such photograph; check the path");
-        let plan = self.plan(item)?;
-        let start = Instant::now();
         let bytes = content(path)?;
         let made_from = self.made_from(item, &bytes);
-        let photograph = self.opened(item, bytes, progress)?;
-        let scene = Scene { same_scale: *same_scale, ..Scene::one(photograph) };
+        let same_scale_group = same_scale.map(|found| found.group);
+        if let Some(row) = finished(&place, &made_from).filter(|_| !self.args.common.run.force) {
+            return Ok(PhotographRow { photograph: shown, same_scale_group, ..row });
+        }
+        // By its header alone; what has no header fails when it is decoded.
+        let plan = self.job.refiner.plan(&shown, scene::size(path), 1)?;
+        let scene = Scene { same_scale: *same_scale, ..Scene::one(self.opened(item, bytes, progress)?) };
         let mut prepared = self.job.refiner.prepare(&scene, &plan, progress)?;
-        let mut row = PhotographRow {
-            photograph: shown.clone(),
-            folder: Some(folder.clone()),
-            same_scale_group,
-            ..PhotographRow::default()
-        };
+        let folder = Some(folder.clone());
+        let mut row = PhotographRow { folder, same_scale_group, ..PhotographRow::new(&shown) };
         let target = OutputFolder::new(&place, true)?;
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
-            write_rgb_png(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
+            write_image(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
             row.measure(refined);
             row.warnings = progress.own_warnings().to_vec();
             row.seconds = start.elapsed().as_secs_f64();
@@ -144,21 +125,41 @@ impl Common<'_> {
         })?;
         Ok(row)
     }
-}
 
-/// The entry of a finished folder whose files have the lengths that they were written with.
-pub(crate) fn finished(place: &Path) -> Option<Entry<PhotographRow>> {
-    Entry::read(place, ENTRY).filter(|entry| entry.has_lengths(place))
-}
-
-/// Marks a folder as finished, after all its other files.
-pub(crate) fn mark(folder: &Path, made_from: &str, row: &PhotographRow) -> Result<()> {
-    list_files(folder)?;
-    Entry::write(folder, ENTRY, made_from.into(), row.clone())
+    /// The factors of `--same-scale`: [`OneScale`] has the order of the comparisons. They depend neither on the number of threads nor on
+    /// which photographs are finished.
+    pub(super) fn same_scale(&self, items: &[Item], progress: &mut Progress) -> Result<Vec<SameScale>> {
+        progress.step(&format!("match {} photographs for one scale", items.len()));
+        let (start, workers) = (Instant::now(), self.workers(items));
+        let mut scale = OneScale::new(items.len(), &self.job.refiner.settings().config);
+        for (chunk, part) in items.chunks(CHUNK).enumerate() {
+            let prepared = |item: &Item| {
+                let photograph = self.opened(item, content(&item.path)?, &mut Progress::silent())?;
+                Ok(self.job.refiner.prepare_scale(&photograph, &scale, &mut Silent)?)
+            };
+            // What can't be prepared has its reason in its row, when it is refined.
+            let prepared = side_by_side(workers, part.len(), |at| caught(|| prepared(&part[at])).ok())?;
+            let pairs: Vec<_> = prepared.into_iter().flat_map(|prepared| scale.add(prepared)).collect();
+            let ratio = |at: usize| caught(|| Ok(scale.ratio(&pairs[at]))).ok().flatten();
+            let found = side_by_side(rayon::current_num_threads(), pairs.len(), ratio)?;
+            scale.extend(found.into_iter().flatten());
+            let done = (chunk * CHUNK + part.len()).min(items.len());
+            let left = start.elapsed().as_secs_f64() / done as f64 * (items.len() - done) as f64;
+            let text = format!("{} matching pairs", scale.matches());
+            let value = json!({ "event": "matched", "pairs": scale.matches() });
+            progress.piece(done, items.len(), &text, (done < items.len()).then_some(left), value);
+        }
+        let factors = scale.factors()?;
+        let warning = groups_warning(&factors, &format!("same_scale_group in {TABLE}"));
+        warning.into_iter().for_each(|warning| progress.warn(warning));
+        let shared = factors.iter().filter(|factor| !factor.is_alone()).count();
+        progress.step(&format!("{shared} of {} photographs share a scale with another", factors.len()));
+        Ok(factors)
+    }
 }
 
 /// Photograph, depth and sigma / depth side by side.
-fn thumbnail(refined: &Refined<'_>) -> Result<Array3<u8>> {
+fn thumbnail(refined: &Refined<'_>) -> Result<Array3<f32>> {
     let (rows, columns, _) = refined.image.dim();
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
@@ -173,6 +174,5 @@ fn thumbnail(refined: &Refined<'_>) -> Result<Array3<u8>> {
         small(depth_picture(depth.mean()).view()),
         small(sigma_picture_within(relative.view(), range).view()),
     ];
-    let strip = concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?;
-    Ok(strip.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8))
+    Ok(concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?)
 }

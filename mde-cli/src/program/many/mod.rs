@@ -1,12 +1,11 @@
-//! Many photographs, each refined alone into a folder of its own, side by side as far as the memory goes.
+//! Many photographs, each refined into a folder of its own.
 //!
 //! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
-//! keeps the folder. The index is written from the markers' rows, every few seconds and at the end.
+//! keeps the folder.
 
 pub(crate) mod every;
 mod index;
-pub(crate) mod item;
-mod same_scale;
+mod item;
 
 use crate::config::Preset;
 use crate::output::every::PhotographRow;
@@ -15,91 +14,131 @@ use crate::program::args::RefineArgs;
 use crate::program::error::partial;
 use crate::program::interrupt;
 use crate::program::job::Job;
-use crate::program::many::index::Index;
 use crate::program::many::item::{Common, Item, settings_of};
 use crate::program::open::settings::refinement_settings;
 use crate::program::open::{photographs, prior};
 use crate::program::progress::Progress;
-use crate::program::store::folder::{NewFolder, check_place, remove_unfinished};
-use crate::program::store::lock::Lock;
+use crate::program::store::entry::Entry;
+use crate::program::store::folder::{ENTRY, OpenFolder, check_own, folders_in, list_files};
 use crate::program::summary::intervals;
 use crate::program::terminal::line_of;
 use crate::program::workers::{lock, side_by_side};
 use crate::refiner::{Observer, Refiner};
 use anyhow::{Result, bail, ensure};
+use mde_eval::table::Document;
+use mde_prior::{FileKind, open};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Refines all photographs that the arguments name.
+/// Checks that a folder is new, or one of an earlier run, which writes `record` and `files` beside the photographs; creates nothing.
+fn check_folder(output: &Path, record: &str, files: &[&str]) -> Result<()> {
+    let is_finished = |folder: &Path| folder.join(ENTRY).is_file();
+    // A killed run leaves finished photographs, and beside them files of all.
+    let any = folders_in(output).iter().any(|folder| is_finished(folder));
+    let is_own = |path: &Path| is_finished(path) || any && files.iter().any(|file| path.ends_with(file));
+    let is_record = |path: &Path| {
+        let text = open::read(path, FileKind::Text).unwrap_or_default();
+        serde_json::from_slice::<Value>(&text).is_ok_and(|record| record["photographs"].is_array())
+    };
+    check_own(output, record, is_record, is_own)
+}
+
+/// The row of a photograph whose folder an earlier run finished from the same inputs.
+fn finished(place: &Path, made_from: &str) -> Option<PhotographRow> {
+    let entry = Entry::<PhotographRow>::read(place, ENTRY)?;
+    (entry.made_from == made_from).then_some(PhotographRow { kept: true, ..entry.row })
+}
+
+/// Marks a folder as finished, after all its other files.
+fn mark(folder: &Path, made_from: &str, row: &PhotographRow) -> Result<()> {
+    list_files(folder)?;
+    Entry::write(folder, ENTRY, made_from.into(), row.clone())
+}
+
+/// The results of a run for the user: `tables`, the numbers of photographs, `more` lines, the folder and its `page`, which a shard does not
+/// write.
+fn finish(
+    rows: &[PhotographRow],
+    output: &Path,
+    page: Option<&str>,
+    tables: &Document,
+    more: &str,
+    mut value: Value,
+    progress: &mut Progress,
+) -> Result<()> {
+    let failed: Vec<String> = rows.iter().filter_map(PhotographRow::failure).collect();
+    let kept = rows.iter().filter(|row| row.kept).count();
+    let page = match page {
+        Some(page) => format!("open {} in a browser", line_of(&output.join(page))),
+        None => "the same command without --shard writes the index".to_owned(),
+    };
+    let text = format!(
+        "{} photographs: {} refined, {kept} finished before, {} failed\n{more}wrote {} in {:.1} s; {page}",
+        rows.len(),
+        rows.len() - kept - failed.len(),
+        failed.len(),
+        line_of(output),
+        progress.seconds()
+    );
+    (value["event"], value["output"]) = ("done".into(), output.display().to_string().into());
+    value["photographs"] = json!(rows);
+    progress.tables(tables, &text, value);
+    partial(failed.len(), failed.into_iter().next(), output)
+}
+
+/// Refines all photographs that the arguments name, each alone, side by side as far as the memory goes. The index is written from the rows
+/// so far, every few seconds and at the end.
 pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     check_arguments(args)?;
     let Some(output) = &args.common.run.output else {
         bail!("-o: give a folder for the results of several photographs")
     };
     let paths = photographs::all(&args.photographs())?;
-    let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
+    let names = folders(paths.iter().map(|path| &**path), &index::FILES);
     let item = |(path, folder)| Item { path, folder, same_scale: None };
     let mut items: Vec<Item> = paths.into_iter().zip(names).map(item).collect();
-    check_place("-o", output)?;
-    index::check_folder(output)?;
+    check_folder(output, index::RECORD, &index::FILES)?;
     let prior = prior::open(&args.common.prior, false)?;
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::Default)?)?;
     let settings = settings_of(args, &refiner)?;
     let export = &args.common.results.export;
     let job = Job { command: "refine", refiner: &refiner, export, truth: None, keep_photographs: false };
     let common = Common { args, output, job, settings };
-
-    // Removed again where nothing comes into it.
-    let _made = NewFolder::make(output)?;
-    let _lock = match args.shard {
-        None => {
-            let lock = Lock::take(output)?;
-            remove_unfinished(output);
-            lock
-        }
-        Some(_) => None,
-    };
-    let found = Index::new(items.len());
-    found.mark(output)?;
+    let _folder = OpenFolder::open(output, args.shard.is_some())?;
     if args.same_scale {
         // Of all photographs, so that a shard has the same factors.
-        let factors = same_scale::same_scale(&common, &items, progress)?;
+        let factors = common.same_scale(&items, progress)?;
         items.iter_mut().zip(factors).for_each(|(item, factor)| item.same_scale = Some(factor));
     }
     if let Some(shard) = &args.shard {
         items.retain(|item| shard.has(&item.folder));
     }
-    let start = Instant::now();
     let state = Mutex::new(State {
         progress,
+        all: items.len(),
         rows: BTreeMap::new(),
         refined: 0,
-        index: found,
-        listed: args.shard.is_none(),
-        output,
-        due: None,
+        start: Instant::now(),
+        index: args.shard.is_none().then_some(output),
+        due: Instant::now(),
     });
     let work = |index: usize| {
         let row = common.one(&items[index]);
-        lock(&state).add(index, row, items.len(), start);
+        lock(&state).add(index, row);
     };
     let done = side_by_side(common.workers(&items), items.len(), work);
     let mut state = state.into_inner().unwrap_or_else(PoisonError::into_inner);
     let saved = state.save();
     done?;
     saved?;
-    let State { index: found, listed, .. } = state;
-    warnings(&found.rows, progress);
-    finish(
-        &found.rows,
-        listed,
-        output,
-        &intervals(&refiner.settings().error_bar),
-        start.elapsed().as_secs_f64(),
-        progress,
-    )
+    let rows: Vec<PhotographRow> = state.rows.into_values().collect();
+    warnings(&rows, progress);
+    let page = args.shard.is_none().then_some(index::PAGE);
+    let more = intervals(&refiner.settings().error_bar);
+    finish(&rows, output, page, &Document::default(), &more, json!({}), progress)
 }
 
 /// A few words on a photograph, for a line.
@@ -118,34 +157,34 @@ const INDEX_SHARE: u32 = 50;
 
 struct State<'p> {
     progress: &'p mut Progress,
+    /// Number of the photographs.
+    all: usize,
     /// By the index of the photograph.
     rows: BTreeMap<usize, PhotographRow>,
     /// Photographs that were not finished before.
     refined: usize,
-    /// What a killed run leaves.
-    index: Index,
-    /// Whether it is written: by a run on all photographs, not by a shard.
-    listed: bool,
-    output: &'p Path,
-    /// When it is written next; at the first photograph.
-    due: Option<Instant>,
+    start: Instant,
+    /// The folder of the index, which a shard does not write.
+    index: Option<&'p Path>,
+    /// When the index is written next.
+    due: Instant,
 }
 
 impl State<'_> {
-    fn add(&mut self, index: usize, row: PhotographRow, all: usize, start: Instant) {
+    fn add(&mut self, index: usize, row: PhotographRow) {
         if interrupt::requested() && row.error.is_some() {
             return;
         }
         self.refined += usize::from(!row.kept);
         let text = format!("{}: {}", row.photograph, outcome(&row));
-        let value = serde_json::json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
+        let value = json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
             "status": row.status(), "kept": row.kept, "error": row.error, "photograph_seconds": row.seconds });
         self.rows.insert(index, row);
-        let done = self.rows.len();
-        let each = start.elapsed().as_secs_f64() / self.refined.max(1) as f64;
+        let (done, all) = (self.rows.len(), self.all);
+        let each = self.start.elapsed().as_secs_f64() / self.refined.max(1) as f64;
         let left = (done < all && self.refined > 0).then(|| each * (all - done) as f64);
         self.progress.piece(done, all, &text, left, value);
-        if done < all && self.due.is_none_or(|due| due <= Instant::now()) {
+        if done < all && self.due <= Instant::now() {
             // What prevents it prevents the last one too, which names it.
             let _ = self.save();
         }
@@ -154,9 +193,9 @@ impl State<'_> {
     /// Writes the index of the photographs so far.
     fn save(&mut self) -> Result<()> {
         let start = Instant::now();
-        self.index.rows = self.rows.values().cloned().collect();
-        let written = if self.listed { self.index.write(self.output) } else { Ok(()) };
-        self.due = Some(Instant::now() + INDEX_SECONDS.max(INDEX_SHARE * start.elapsed()));
+        let rows: Vec<&PhotographRow> = self.rows.values().collect();
+        let written = self.index.map_or(Ok(()), |folder| index::write(folder, &rows, self.all));
+        self.due = Instant::now() + INDEX_SECONDS.max(INDEX_SHARE * start.elapsed());
         written
     }
 }
@@ -184,32 +223,4 @@ fn warnings(rows: &[PhotographRow], progress: &mut Progress) {
     for (warning, count) in counted {
         progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
     }
-}
-
-/// Tells what was made; `more` is a line before that of the folder, or empty.
-fn finish(
-    rows: &[PhotographRow],
-    listed: bool,
-    output: &Path,
-    more: &str,
-    seconds: f64,
-    progress: &mut Progress,
-) -> Result<()> {
-    let failed: Vec<&PhotographRow> = rows.iter().filter(|row| row.error.is_some()).collect();
-    let kept = rows.iter().filter(|row| row.kept).count();
-    let page = match listed {
-        true => format!("open {} in a browser", line_of(&output.join(index::PAGE))),
-        false => "the same command without --shard writes the index".to_owned(),
-    };
-    let text = format!(
-        "{} photographs: {} refined, {kept} finished before, {} failed\n{more}wrote {} in {seconds:.1} s; {page}",
-        rows.len(),
-        rows.len() - kept - failed.len(),
-        failed.len(),
-        line_of(output)
-    );
-    let value =
-        serde_json::json!({ "event": "done", "output": output.display().to_string(), "photographs": rows });
-    progress.result(&text, value);
-    partial(failed.len(), failed.first().and_then(|row| row.failure()), output)
 }

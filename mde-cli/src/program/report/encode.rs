@@ -1,29 +1,22 @@
 //! Encoding of maps, images and colours for the page.
 
+use crate::scene::size::byte;
 use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use colorous::{Gradient, MAGMA, PURPLE_ORANGE, VIRIDIS};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use mde_prior::photo::encode_rgb_png;
+use mde_prior::photo::{encode_rgb_png, read_image};
 use ndarray::{ArrayView2, ArrayView3};
 use serde_json::{Value, json};
 use std::io::Write;
+use std::path::Path;
 
 /// The sides of an embedded map, pixels, are at most this.
 pub(super) const WIDEST: usize = 640;
 /// Steps of a value between the lowest and the highest; 0 is kept for "missing".
 const STEPS: f64 = 65534.0;
-
-/// `[width, height]` of a picture that fits into a square of `most`, never larger than it is.
-pub(super) fn fitted((height, width): (usize, usize), most: usize) -> [usize; 2] {
-    let largest = width.max(height).max(1);
-    if largest <= most {
-        return [width, height];
-    }
-    [width, height].map(|side| (side * most / largest).max(1))
-}
 
 /// A map of positive values in 16 bits, evenly spaced in the logarithm (so that one far outlier costs no digits), each
 /// pixel minus its left neighbour, low bytes then high bytes, deflated.
@@ -59,6 +52,16 @@ pub(super) fn map(map: ArrayView2<'_, f32>) -> Result<Value> {
 /// A picture as a `data:` address.
 pub(super) fn picture(pixels: ArrayView3<'_, u8>) -> Result<String> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(encode_rgb_png(pixels)?)))
+}
+
+/// A photograph, sRGB in 0 to 1, as a `data:` address.
+pub(super) fn photograph(pixels: ArrayView3<'_, f32>) -> Result<String> {
+    picture(pixels.mapv(byte).view())
+}
+
+/// The photograph in a file, where there is one.
+pub(super) fn photograph_in(path: &Path) -> Result<Option<String>> {
+    path.is_file().then(|| photograph(read_image(path)?.pixels.view())).transpose()
 }
 
 /// An SVG as a `data:` address: as an image it can neither run a script nor clash with the page's names.
@@ -118,12 +121,5 @@ mod tests {
         assert!(flat.iter().all(|v| (v - 2.5).abs() < 1e-6), "{flat:?}");
         let nothing = decoded(&map(Array2::zeros((2, 3)).view()).unwrap(), 3);
         assert_eq!(nothing, [0.0; 6]);
-    }
-
-    #[test]
-    fn a_large_map_shrinks_and_keeps_its_shape() {
-        assert_eq!(fitted((480, 640), 640), [640, 480]);
-        assert_eq!(fitted((3000, 4000), 640), [640, 480]);
-        assert_eq!(fitted((1, 9000), 640), [640, 1]);
     }
 }

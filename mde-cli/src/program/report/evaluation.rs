@@ -1,17 +1,17 @@
 //! The page of an evaluation or an ablation.
 
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
-use crate::program::report::encode::{fitted, gradients, picture, svg};
+use crate::program::report::encode::{gradients, photograph_in, picture, svg};
 use crate::program::report::{page, read_json, read_text};
 use crate::program::store::folder::{file_name, folders_in};
+use crate::scene::size::within;
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::original_name;
 use mde_prior::format::{ReadOptions, read_values};
-use mde_prior::photo::read_image;
 use mde_prior::resample::nearest;
 use ndarray::Array2;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -39,21 +39,18 @@ pub(crate) const FIGURES: [(&str, &str); 3] = [
     ),
 ];
 
-/// The row of `scenes.csv` of a scene, by method.
-type Scores = BTreeMap<String, Map<String, Value>>;
+/// The scores of a scene, by method and metric.
+type Scores = BTreeMap<String, BTreeMap<&'static str, f64>>;
 
 pub(super) fn page(folder: &Path) -> Result<String> {
     let summary: Value = read_json(&folder.join(SUMMARY))?;
-    let (order, scores) = scores(&folder.join("scenes.csv"))?;
+    let all = scores(&folder.join("scenes.csv"))?;
     let judged = judged(&summary);
-    let worst = worst(&order, &scores, judged.as_ref());
-    let mut scenes = Vec::new();
-    for id in &order {
-        let of_scene = scores.get(id).cloned().unwrap_or_default();
-        let shown = worst.contains(&**id);
-        let thumbnails = if shown { thumbnails(folder, id, &of_scene)? } else { Value::Null };
-        scenes.push(json!({ "id": id, "scores": of_scene, "thumbnails": thumbnails }));
-    }
+    let worst = worst(&all, judged.as_ref());
+    let scene = |(id, scores): &(String, Scores)| -> Result<Value> {
+        let thumbnails = if worst.contains(&**id) { thumbnails(folder, id, scores)? } else { Value::Null };
+        Ok(json!({ "id": id, "scores": scores, "thumbnails": thumbnails }))
+    };
     let mut figures = Vec::new();
     for (name, what) in FIGURES {
         let path = folder.join(format!("{name}.svg"));
@@ -61,7 +58,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
             figures.push(json!({ "name": name, "what": what, "image": svg(&read_text(&path)?) }));
         }
     }
-    let title = summary["title"].as_str().unwrap_or("Evaluation").to_owned();
+    let title = summary["title"].as_str().unwrap_or("Evaluation");
     let data = json!({
         "kind": "evaluation",
         "title": title,
@@ -70,11 +67,11 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "groups": Group::ALL.map(Group::title),
         "figures": figures,
         "gradients": gradients(),
-        "scenes": scenes,
+        "scenes": all.iter().map(scene).collect::<Result<Vec<_>>>()?,
         "thumbnails_of": SCENES,
         "judged": judged.map(|(method, metric)| json!({ "method": method, "metric": metric.key })),
     });
-    Ok(page::page(&title, &data))
+    Ok(page::page(title, &data))
 }
 
 /// The method and the metric by which a scene is bad: the first method after the prior with scores of its depth, where there is one,
@@ -89,19 +86,15 @@ fn judged(summary: &Value) -> Option<(String, &'static Metric)> {
     Some((found["method"].as_str()?.to_owned(), metric))
 }
 
-/// At most [`SCENES`] scenes, the worst first; those without a score last.
-fn worst<'s>(
-    order: &'s [String],
-    scores: &BTreeMap<String, Scores>,
-    judged: Option<&(String, &'static Metric)>,
-) -> BTreeSet<&'s str> {
-    let badness = |scene: &str| -> Option<f64> {
+/// At most [`SCENES`] scenes, the worst ones; those without a score only where others are too few.
+fn worst<'s>(all: &'s [(String, Scores)], judged: Option<&(String, &Metric)>) -> BTreeSet<&'s str> {
+    let badness = |scores: &Scores| -> Option<f64> {
         let (method, metric) = judged?;
-        let value = scores.get(scene)?.get(method)?.get(metric.key)?.as_f64()?;
+        let value = *scores.get(method)?.get(metric.key)?;
         Some(if matches!(metric.better, Better::Higher) { -value } else { value })
     };
-    let mut sorted: Vec<(f64, &str)> =
-        order.iter().map(|scene| (badness(scene).unwrap_or(f64::NEG_INFINITY), &**scene)).collect();
+    let badness = |scores: &Scores| badness(scores).unwrap_or(f64::NEG_INFINITY);
+    let mut sorted: Vec<_> = all.iter().map(|(scene, scores)| (badness(scores), &**scene)).collect();
     sorted.sort_by(|a, b| b.0.total_cmp(&a.0));
     sorted.into_iter().take(SCENES).map(|(_, scene)| scene).collect()
 }
@@ -117,36 +110,32 @@ fn metric(metric: &Metric) -> Value {
             "group": metric.group.title(), "shown": metric.shown })
 }
 
-/// Scenes in the file's order, and their scores: means over seeds.
-fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
+/// Scenes in the file's order with their scores: means over seeds.
+fn scores(path: &Path) -> Result<Vec<(String, Scores)>> {
     let name = || path.display().to_string();
     let text = read_text(path)?;
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let header = reader.headers().with_context(name)?.clone();
-    let mut order: Vec<String> = Vec::new();
-    // By scene, method and metric: the sum over seeds, and how many there are.
-    let mut sums: BTreeMap<[String; 3], (f64, u32)> = BTreeMap::new();
-    for row in reader.records() {
-        let row = row.with_context(name)?;
-        let cell = |key: &str| header.iter().position(|h| h == key).and_then(|i| row.get(i));
-        let name = |key: &str| original_name(cell(key).unwrap_or_default());
-        let (scene, method) = (name("scene"), name("method"));
-        if !order.iter().any(|known| known == scene) {
-            order.push(scene.to_owned());
+    let (mut scenes, mut places) = (Vec::<(String, Scores)>::new(), BTreeMap::new());
+    // The values of the seeds, by scene, method and metric.
+    let mut found = BTreeMap::<_, Vec<f64>>::new();
+    for row in csv::Reader::from_reader(text.as_bytes()).deserialize() {
+        let row: BTreeMap<String, String> = row.with_context(name)?;
+        let named = |key: &str| original_name(row.get(key).map_or("", String::as_str)).to_owned();
+        let (scene, method) = (named("scene"), named("method"));
+        let place = *places.entry(scene.clone()).or_insert(scenes.len());
+        if place == scenes.len() {
+            scenes.push((scene, Scores::new()));
         }
         for metric in METRICS.iter().filter(|metric| metric.shown) {
-            if let Some(value) = cell(metric.key).and_then(|text| text.parse::<f64>().ok()) {
-                let sum = sums.entry([scene, method, metric.key].map(str::to_owned)).or_default();
-                *sum = (sum.0 + value, sum.1 + 1);
+            if let Some(value) = row.get(metric.key).and_then(|text| text.parse().ok()) {
+                found.entry((place, method.clone(), metric.key)).or_default().push(value);
             }
         }
     }
-    let mut means: BTreeMap<String, Scores> = BTreeMap::new();
-    for ([scene, method, key], (sum, seeds)) in sums {
-        let of_method = means.entry(scene).or_default().entry(method).or_default();
-        of_method.insert(key, json!(sum / f64::from(seeds)));
+    for ((place, method, key), seeds) in found {
+        let mean = seeds.iter().sum::<f64>() / seeds.len() as f64;
+        scenes[place].1.entry(method).or_default().insert(key, mean);
     }
-    Ok((order, means))
+    Ok(scenes)
 }
 
 /// The scene's picture and the maps of its methods that are in the tables, on one scale.
@@ -161,15 +150,13 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
         if !scores.contains_key(&label) || !seen.insert(label.clone()) {
             continue;
         }
-        let depth = place.join("depth.npy");
-        if depth.is_file() {
-            let depth = small(&read_values(&depth, &ReadOptions::default())?);
-            let sigma = place.join("sigma.npy");
-            let sigma = match sigma.is_file() {
-                true => Some(small(&read_values(&sigma, &ReadOptions::default())?)),
-                false => None,
-            };
-            maps.push((label, depth, sigma));
+        let map = |name: &str| -> Result<Option<Array2<f32>>> {
+            let path = place.join(name);
+            let map = path.is_file().then(|| read_values(&path, &ReadOptions::default())).transpose()?;
+            Ok(map.map(|map| nearest(map.view(), within(map.dim(), THUMBNAIL))))
+        };
+        if let Some(depth) = map("depth.npy")? {
+            maps.push((label, depth, map("sigma.npy")?));
         }
     }
     // The prior first: its colour range is used for all.
@@ -179,23 +166,12 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
     let sigmas = usual_range(maps.iter().filter_map(|(_, _, sigma)| sigma.as_ref()).flatten());
     let mut shown = Vec::new();
     for (label, depth, sigma) in &maps {
-        let sigma = match sigma {
-            Some(sigma) => Some(picture(sigma_picture_within(sigma.view(), sigmas).view())?),
-            None => None,
-        };
         let depth = picture(depth_picture_within(depth.view(), depths).view())?;
-        shown.push(json!({ "method": label, "depth": depth, "sigma": sigma }));
+        let sigma = sigma.as_ref().map(|sigma| picture(sigma_picture_within(sigma.view(), sigmas).view()));
+        shown.push(json!({ "method": label, "depth": depth, "sigma": sigma.transpose()? }));
     }
-    let image = match read_image(scene.join(PICTURE)) {
-        Ok(photo) => Some(picture(photo.pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?),
-        Err(_) => None,
-    };
+    let image = photograph_in(&scene.join(PICTURE))?;
     Ok(json!({ "image": image, "maps": shown, "depths": depths, "sigmas": sigmas }))
-}
-
-fn small(map: &Array2<f32>) -> Array2<f32> {
-    let [width, height] = fitted(map.dim(), THUMBNAIL);
-    nearest(map.view(), (height, width))
 }
 
 #[cfg(test)]
@@ -211,7 +187,7 @@ mod tests {
         let text: String = (0..SCENES + 5).map(rows).collect();
         fs::write(&path, format!("scene,method,seed,alignment,abs_rel\n{text}none,prior,0,median,1\n"))
             .unwrap();
-        let (order, scores) = scores(&path).unwrap();
+        let scores = scores(&path).unwrap();
         // A trivial sigma of the prior has no depth of its own; a control comes after the methods.
         let method = |name: &str, key: &str| json!({ "method": name, "metrics": { key: {} } });
         let summary = |methods: &[Value]| json!({ "summary": { "methods": methods } });
@@ -224,7 +200,7 @@ mod tests {
         assert_eq!(judged_of(&[prior.clone(), constant.clone(), fast.clone()]), judged_by("fast"));
         assert_eq!(judged_of(std::slice::from_ref(&constant)).unwrap().1, "ause_mae");
         let judged = judged(&summary(&[prior, constant, fast])).unwrap();
-        let worst = worst(&order, &scores, Some(&judged));
+        let worst = worst(&scores, Some(&judged));
         assert_eq!(worst.len(), SCENES);
         assert!(worst.contains("s5") && worst.contains("s44") && !worst.contains("s4"), "{worst:?}");
     }
@@ -235,10 +211,8 @@ mod tests {
         let path = place.path().join("scenes.csv");
         let text = "scene,method,seed,alignment,mse,abs_rel\nb,fast,0,median,1.0,\nb,fast,1,median,3.0,\na,prior,0,median,5,0.25\n";
         fs::write(&path, text).unwrap();
-        let (order, scores) = scores(&path).unwrap();
-        assert_eq!(order, ["b", "a"]);
-        assert_eq!(scores["b"]["fast"]["mse"], 2.0);
-        let key = METRICS.iter().find(|m| m.key.contains("abs")).unwrap().key;
-        assert!(!scores["b"]["fast"].contains_key(key));
+        let scores = scores(&path).unwrap();
+        assert_eq!((&*scores[0].0, &*scores[1].0), ("b", "a"));
+        assert_eq!(scores[0].1["fast"], BTreeMap::from([("mse", 2.0)]));
     }
 }

@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 
 /// The page of `all` photographs, or of those that a run has so far, the least sure first; each has a folder with `picture`; `files` stand
 /// beside the folders.
-pub(crate) fn photographs_page(rows: &[PhotographRow], all: usize, picture: &str, files: &[&str]) -> String {
-    let mut sorted: Vec<&PhotographRow> = rows.iter().collect();
+pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &str, files: &[&str]) -> String {
+    let mut sorted = rows.to_vec();
     // What failed comes before what has a sigma.
     let sigma =
         |row: &PhotographRow| if row.error.is_some() { f64::INFINITY } else { row.sigma.unwrap_or(0.0) };
@@ -77,6 +77,7 @@ mod tests {
             ..PhotographRow::new(&format!("<{name}>\""))
         };
         let rows = [row("a", Some(0.1), None), row("b", Some(0.3), None), row("c", None, Some("no & such"))];
+        let rows = rows.each_ref();
         let html = photographs_page(&rows, 3, "small.png", &["index.csv"]);
         assert!(html.contains("<h1>3 photographs</h1>"), "{html}");
         let partial = photographs_page(&rows[..2], 3, "small.png", &["index.csv"]);

@@ -5,7 +5,6 @@ mod encode;
 mod evaluation;
 mod index;
 mod page;
-mod photographs;
 mod run;
 
 pub(crate) use evaluation::{FIGURES, PICTURE};
@@ -29,16 +28,33 @@ pub(crate) const INDEX: &str = "index.html";
 
 /// The page of all photographs of a capture.
 pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
-    photographs_page(rows, rows.len(), "preview.png", &[CLOUD, TRANSFORMS, RECORD])
+    photographs_page(
+        &rows.iter().collect::<Vec<_>>(),
+        rows.len(),
+        "preview.png",
+        &[CLOUD, TRANSFORMS, RECORD],
+    )
 }
 
-/// Writes the page of a run's or an evaluation's folder into it, atomically.
+/// Writes the page of a run's or an evaluation's folder into it, atomically; of a whole capture also those of its photographs.
 pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
+    let (mut name, record) = (FILE, folder.join(RECORD));
     let html = if folder.join(evaluation::SUMMARY).is_file() {
         evaluation::page(folder)?
-    } else if folder.join(RECORD).is_file() {
-        match read_json::<Every>(&folder.join(RECORD))?.photographs {
-            Some(rows) => return every(folder, &rows),
+    } else if record.is_file() {
+        match read_json::<Every>(&record)?.photographs {
+            Some(rows) => {
+                for name in rows.iter().filter_map(|row| row.folder.as_deref()) {
+                    ensure!(
+                        Path::new(name).file_name() == Some(OsStr::new(name)),
+                        "{}: {name} is no name of a folder beside it; run the command again",
+                        record.display()
+                    );
+                    write(&folder.join(name))?;
+                }
+                name = INDEX;
+                every_page(&rows)
+            }
             None => run::page(folder)?,
         }
     } else {
@@ -48,7 +64,7 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
             evaluation::SUMMARY
         )
     };
-    let path = folder.join(FILE);
+    let path = folder.join(name);
     mde_prior::write_atomic(&path, html.as_bytes())?;
     Ok(path)
 }
@@ -57,21 +73,6 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
 #[derive(Deserialize)]
 struct Every {
     photographs: Option<Vec<PhotographRow>>,
-}
-
-/// Writes the page of every photograph, and that of all.
-fn every(folder: &Path, rows: &[PhotographRow]) -> Result<PathBuf> {
-    for name in rows.iter().filter_map(|row| row.folder.as_deref()) {
-        ensure!(
-            Path::new(name).file_name() == Some(OsStr::new(name)),
-            "{}: {name} is no name of a folder beside it; run the command again",
-            folder.join(RECORD).display()
-        );
-        write(&folder.join(name))?;
-    }
-    let path = folder.join(INDEX);
-    mde_prior::write_atomic(&path, every_page(rows).as_bytes())?;
-    Ok(path)
 }
 
 fn read_text(path: &Path) -> Result<String> {

@@ -1,16 +1,20 @@
 //! The page of one refinement.
 
 use crate::config::{Config, IterationPrior, Preset};
-use crate::program::report::encode::{WIDEST, fitted, gradients, map, picture};
-use crate::program::report::{page, photographs, read_json, read_text};
+use crate::output::files::EVIDENCE;
+use crate::program::report::encode::{self, WIDEST, gradients, photograph, photograph_in};
+use crate::program::report::{page, read_json, read_text};
 use crate::program::store::folder::RECORD;
-use crate::scene::size::resized;
+use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
+use crate::scene::size::{resized, within};
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use mde_prior::resample::nearest;
-use ndarray::Array2;
-use serde_json::{Map, Value, json};
+use ndarray::{Array2, Zip};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -51,42 +55,29 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     let settings = folder.join("config.toml");
     let toml = read_text(&settings)?;
     let config = Config::with_overrides(Preset::Default, &toml, &settings.display().to_string())?;
-    let read = |name: &str| read_values(folder.join(name), &ReadOptions::default());
     let path = folder.join("image.png");
-    let maps =
-        || rayon::join(|| rayon::join(|| read("depth.npy"), || read("sigma.npy")), || read("prior.npy"));
-    let (image, ((refined, sigma), prior)) = rayon::join(|| read_image(&path), maps);
-    let (refined, sigma, prior) = (refined?, sigma?, prior?);
-    let image = image.with_context(|| {
+    let image = read_image(&path).with_context(|| {
         format!("{}: the report needs the image; run the refinement again", path.display())
     })?;
     let (rows, columns, _) = image.pixels.dim();
-    for (name, size) in [("depth.npy", refined.dim()), ("sigma.npy", sigma.dim()), ("prior.npy", prior.dim())]
-    {
+    let size @ (height, width) = within((rows, columns), WIDEST);
+    let embedded = |(map, name): (&'static str, &str)| -> Result<(&'static str, Value)> {
+        let values = read_values(folder.join(name), &ReadOptions::default())?;
         ensure!(
-            size == (rows, columns),
+            values.dim() == (rows, columns),
             "{}: is {}x{} but the image is {columns}x{rows}; run the refinement again",
             folder.join(name).display(),
-            size.1,
-            size.0
+            values.ncols(),
+            values.nrows()
         );
-    }
-
-    let size = fitted((rows, columns), WIDEST);
-    let embed = |values: &Array2<f32>| map(nearest(values.view(), (size[1], size[0])).view());
-    let mut maps = Map::new();
-    maps.insert("prior".to_owned(), embed(&prior)?);
-    maps.insert("refined".to_owned(), embed(&refined)?);
-    maps.insert("sigma".to_owned(), embed(&sigma)?);
+        Ok((map, encode::map(nearest(values.view(), size).view())?))
+    };
+    let truth = folder.join("gt.npy").is_file().then_some(("truth", "gt.npy"));
+    let mut maps = vec![("prior", "prior.npy"), ("refined", "depth.npy"), ("sigma", "sigma.npy")];
+    maps.extend(truth);
+    let maps: BTreeMap<_, _> = maps.into_par_iter().map(embedded).collect::<Result<_>>()?;
     let (sigma_o, common, prior_sigma) = prior_sigma(&config, &record);
-    if folder.join("gt.npy").is_file() {
-        maps.insert("truth".to_owned(), embed(&read("gt.npy")?)?);
-    }
-    let (several, evidence) = photographs::read(folder, &record)?;
-    if let Some(evidence) = &evidence {
-        maps.insert("evidence".to_owned(), embed(evidence)?);
-    }
-    let small = resized(image.pixels.view(), size[0], size[1]);
+    let small = resized(image.pixels.view(), width, height);
     let present = |name: &str| name == super::FILE || folder.join(name).exists();
     let files: Vec<Value> = FILES
         .iter()
@@ -99,15 +90,17 @@ pub(super) fn page(folder: &Path) -> Result<String> {
             json!({ "name": name, "what": what, "bytes": bytes, "folder": path.is_dir() })
         })
         .collect();
-    let title = format!("Depth of {}", input_name(&record));
+    let input = record["input"].as_str().unwrap_or("run");
+    // The name of a file without its folders, or the room.
+    let name = Path::new(input).file_name().map_or_else(|| input.into(), |name| name.to_string_lossy());
     let mut data = json!({
         "kind": "run",
-        "title": input_name(&record),
+        "title": name,
         "record": record,
         "config": toml,
-        "size": size,
+        "size": [width, height],
         "full": [columns, rows],
-        "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
+        "image": photograph(small.view())?,
         "maps": maps,
         "prior_sigma": prior_sigma,
         // Of the prior: the page makes the map.
@@ -119,17 +112,42 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "gradients": gradients(),
         "files": files,
     });
-    if let Some(data) = data.as_object_mut() {
-        data.extend(several);
+    if let Some(photographs) = record["capture"]["photographs"].as_array() {
+        let pictures = (0..photographs.len()).map(|index| photograph_in(&folder.join(picture_of(index))));
+        data["photographs"] = json!(pictures.collect::<Result<Vec<_>>>()?);
+        let [image, rendered] = [NOVEL, RENDERED].map(|name| photograph_in(&folder.join(name)));
+        if let (Some(image), Some(rendered)) = (image?, rendered?) {
+            data["novel"] = json!({ "image": image, "rendered": rendered });
+        }
+        let reference = photographs.iter().position(|photograph| photograph["verdict"] == "the reference");
+        data["reference"] = json!(reference.unwrap_or(0));
+        let path = folder.join(EVIDENCE);
+        if path.is_file() {
+            let (confirmed, origin) = evidence(&path)?;
+            data["maps"]["evidence"] = encode::map(nearest(confirmed.view(), size).view())?;
+            data["origin"] = origin;
+        }
     }
-    Ok(page::page(&title, &data))
+    Ok(page::page(&format!("Depth of {name}"), &data))
 }
 
-/// The file's name without its folders, or the room.
-fn input_name(record: &Value) -> String {
-    let input = record["input"].as_str().unwrap_or("run");
-    let name = Path::new(input).file_name().map(|name| name.to_string_lossy().into_owned());
-    name.unwrap_or_else(|| input.to_owned())
+/// Per pixel 0: no depth, 1: seen by no other photograph, 2: confirmed by none, 2 + n: confirmed by n, `[height, width]`; and the shares of
+/// the origins of the depth.
+fn evidence(path: &Path) -> Result<(Array2<f32>, Value)> {
+    let map = |name: &str| {
+        read_values(path, &ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() })
+    };
+    let (seen, confirmed, source) = (map("seen")?, map("confirmed")?, map("origin")?);
+    let share = |which: f32| {
+        source.iter().filter(|origin| **origin == which).count() as f64 / source.len().max(1) as f64
+    };
+    let origin = json!({ "prior": share(1.0), "consensus": share(2.0), "field": share(3.0) });
+    let code = |&seen: &f32, &confirmed: &f32, &source: &f32| match () {
+        () if source <= 0.0 => 0.0,
+        () if seen <= 0.0 => 1.0,
+        () => 2.0 + confirmed,
+    };
+    Ok((Zip::from(&seen).and(&confirmed).and(&source).map_collect(code), origin))
 }
 
 /// What the fusion states of the prior's error: sigma_o, the common error that it states of the result too, and a note.
@@ -146,21 +164,15 @@ fn prior_sigma(config: &Config, record: &Value) -> (f64, f64, String) {
         true => "",
         false => ", which has FastDepth's error, assumed here (mde calibrate measures another network's)",
     };
-    let more = match common > 0.0 {
-        true => {
-            format!(", with the common error of {:.0} % of the depth as in the result{whose}", 100.0 * common)
+    let error = format!("the common error of {:.0} % of the depth", 100.0 * common);
+    let note = match (iterations.is_empty(), record["augmentation"]["predictions"].as_u64()) {
+        (true, _) | (_, Some(2..)) => {
+            format!("The prior's ± is {error}{whose}: a single prediction gives no spread.")
         }
-        false => String::new(),
-    };
-    let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
-        || iterations.is_empty()
-    {
-        format!(
-            "The prior's ± is the common error of {:.0} % of the depth{whose}: a single prediction gives no spread.",
-            100.0 * common
-        )
-    } else {
-        format!("The prior's ± is σₒ of iteration {}{more}.", index + 1)
+        _ if common > 0.0 => {
+            format!("The prior's ± is σₒ of iteration {}, with {error} as in the result{whose}.", index + 1)
+        }
+        _ => format!("The prior's ± is σₒ of iteration {}.", index + 1),
     };
     (sigma_o, common, note)
 }

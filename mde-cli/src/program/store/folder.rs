@@ -3,11 +3,10 @@
 pub(crate) use crate::output::folder::{RECORD, files_in, list_files};
 use crate::output::folder::{exchange, listed_files};
 use crate::program::interrupt;
-use crate::program::store::lock;
+use crate::program::store::lock::{self, Lock};
 use anyhow::{Context, Result, bail, ensure};
-use mde_prior::{FileKind, open};
-use serde_json::Value;
-use std::fs;
+use std::fs::{self, Metadata};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The file that marks one of many finished folders, written last.
@@ -31,7 +30,6 @@ impl OutputFolder {
             "{}: not the name of a new folder; give one to -o",
             target.display()
         );
-        check_name("-o", target)?;
         let folder = Self { target: target.to_owned(), force };
         folder.check_target()?;
         check_place("-o", parent(target))?;
@@ -44,7 +42,7 @@ impl OutputFolder {
 
     fn check_target(&self) -> Result<()> {
         let path = self.target.display();
-        let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
+        let Some(found) = named("-o", &self.target)? else { return Ok(()) };
         ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
         ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
         if fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none() {
@@ -84,7 +82,9 @@ pub(crate) fn replace(
     let parent = parent(target);
     // Removed again where the results do not come into it.
     let _made = NewFolder::make(parent)?;
-    let temporary = temporary_folder(parent)?;
+    let temporary = builder()
+        .tempdir_in(parent)
+        .with_context(|| format!("{}: can't make a folder in it", parent.display()))?;
     let _guard = interrupt::guard(temporary.path());
     fill(temporary.path())?;
     let held = interrupt::hold();
@@ -100,31 +100,24 @@ pub(crate) fn replace(
     Ok(())
 }
 
-/// Checks that a folder is new, or has `marker`, the record of an earlier run, or nothing but what is its `own`; creates nothing.
+/// Checks that a folder is new, or that of an earlier run: it has the file `marker`, or nothing but what `is_own`; creates nothing.
 pub(crate) fn check_own(
     folder: &Path,
+    marker: &str,
     is_marker: impl Fn(&Path) -> bool,
     is_own: impl Fn(&Path) -> bool,
-    marker: &str,
 ) -> Result<()> {
     check_place("-o", folder)?;
     let shown = folder.display();
-    if !folder.exists() {
-        return Ok(());
+    if folder.exists() && !is_marker(&folder.join(marker)) {
+        let entries = fs::read_dir(folder).with_context(|| shown.to_string())?;
+        let own = |path: &Path| is_unfinished(path) || is_own(path);
+        ensure!(
+            entries.flatten().all(|entry| own(&entry.path())),
+            "{shown}: holds no {marker} of an earlier run; give another name to -o"
+        );
     }
-    let (mut marked, mut own) = (false, true);
-    for entry in fs::read_dir(folder).with_context(|| shown.to_string())? {
-        let path = entry.with_context(|| shown.to_string())?.path();
-        marked |= is_marker(&path);
-        own &= is_unfinished(&path) || is_own(&path);
-    }
-    ensure!(marked || own, "{shown}: holds no {marker} of an earlier run; give another name to -o");
     Ok(())
-}
-
-/// A record; none where it can't be read.
-pub(crate) fn read_record(path: &Path) -> Option<Value> {
-    serde_json::from_slice(&open::read(path, FileKind::Text).ok()?).ok()
 }
 
 /// Whether a killed run may have left it.
@@ -155,6 +148,27 @@ impl Drop for NewFolder {
     }
 }
 
+/// A folder that a run fills bit by bit.
+#[derive(Debug)]
+pub(crate) struct OpenFolder {
+    // Dropped in this order: the folder can go once the lock is gone.
+    _lock: Option<Lock>,
+    _made: NewFolder,
+}
+
+impl OpenFolder {
+    /// Makes it where it is missing, and removes what killed runs left unfinished in it; nothing of one that is `shared` with other
+    /// processes, which is not locked either.
+    pub(crate) fn open(folder: &Path, shared: bool) -> Result<Self> {
+        let made = NewFolder::make(folder)?;
+        let lock = if shared { None } else { Lock::take(folder)? };
+        if !shared {
+            remove_unfinished(folder);
+        }
+        Ok(Self { _lock: lock, _made: made })
+    }
+}
+
 /// The folders in a folder, sorted; none where it is missing.
 pub(crate) fn folders_in(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -171,7 +185,7 @@ pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()>
         force || !path.exists(),
         "{flag} {name}: the file exists; give another name, or --force to replace it"
     );
-    check_name(flag, path)?;
+    named(flag, path)?;
     check_place(flag, parent(path))
 }
 
@@ -180,15 +194,13 @@ const LONGEST_FILE_NAME: usize = 200;
 
 /// A file name that every file system accepts; different texts have different names.
 pub(crate) fn file_name(text: &str) -> String {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let mut name = String::new();
-    for (index, byte) in text.bytes().enumerate() {
-        if plain(byte) && !(index == 0 && byte == b'.') {
-            name.push(char::from(byte));
-        } else if byte == b'/' {
-            name.push('+');
-        } else {
-            name.push_str(&format!("%{byte:02x}"));
+    for byte in text.bytes() {
+        match byte {
+            b'.' if name.is_empty() => name += "%2e",
+            b'/' => name.push('+'),
+            _ if byte.is_ascii_alphanumeric() || b"-_.".contains(&byte) => name.push(char::from(byte)),
+            _ => name += &format!("%{byte:02x}"),
         }
     }
     if name.len() > LONGEST_FILE_NAME {
@@ -199,14 +211,10 @@ pub(crate) fn file_name(text: &str) -> String {
     name
 }
 
-/// Most bytes of a name on the usual file systems.
-const LONGEST_NAME: usize = 255;
-
 /// Checks that a folder, or its first existing ancestor, is writable.
 pub(crate) fn check_place(flag: &str, folder: &Path) -> Result<()> {
     for path in folder.ancestors().take_while(|path| !path.exists()) {
-        check_name(flag, path)?;
-        let link = fs::symlink_metadata(path).is_ok();
+        let link = named(flag, path)?.is_some();
         ensure!(!link, "{}: is a link to nothing; give another place to {flag}", path.display());
     }
     let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
@@ -217,15 +225,13 @@ pub(crate) fn check_place(flag: &str, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Checks that a name fits into a folder.
-fn check_name(flag: &str, path: &Path) -> Result<()> {
-    let length = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());
-    ensure!(
-        length <= LONGEST_NAME,
-        "{}: the name is too long; give one of {LONGEST_NAME} bytes at most to {flag}",
-        path.display()
-    );
-    Ok(())
+/// What has that name, a link itself; an error for a name that nothing can have.
+fn named(flag: &str, path: &Path) -> Result<Option<Metadata>> {
+    match fs::symlink_metadata(path) {
+        Ok(found) => Ok(Some(found)),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(error) => Err(error).with_context(|| format!("{}: give another name to {flag}", path.display())),
+    }
 }
 
 fn parent(path: &Path) -> &Path {
@@ -233,11 +239,6 @@ fn parent(path: &Path) -> &Path {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }
-}
-
-/// A folder within `parent` that is removed unless it is kept.
-pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
-    builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
 }
 
 /// Removes the folders and files that killed runs left unfinished in a folder of results that no other process writes to.
@@ -265,25 +266,6 @@ fn builder() -> tempfile::Builder<'static, 'static> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn entries(folder: &Path) -> Vec<String> {
-        let names = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
-        let mut names: Vec<_> = names.collect();
-        names.sort();
-        names
-    }
-
-    #[test]
-    fn unfinished_folders_and_files_are_swept_but_not_the_lock() {
-        let place = tempfile::tempdir().unwrap();
-        fs::create_dir(place.path().join(".mde-folder")).unwrap();
-        fs::create_dir(place.path().join("photograph")).unwrap();
-        for file in [".mde-folder/depth.npy", ".mde-file", lock::FILE, "index.csv"] {
-            fs::write(place.path().join(file), "").unwrap();
-        }
-        remove_unfinished(place.path());
-        assert_eq!(entries(place.path()), [lock::FILE, "index.csv", "photograph"]);
-    }
 
     #[cfg(unix)]
     #[test]

@@ -73,21 +73,3 @@ fn is_at(file: &File, path: &Path) -> bool {
 fn is_at(_: &File, path: &Path) -> bool {
     path.exists()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_holder_at_a_time_and_what_a_killed_one_leaves_is_taken_over() {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join(FILE), "4294967295\n").unwrap();
-        let held = Lock::take(folder.path()).unwrap();
-        assert!(held.is_some());
-        let refused = Lock::take(folder.path()).unwrap_err().to_string();
-        assert!(refused.contains(&format!("another process ({})", std::process::id())), "{refused}");
-        drop(held);
-        assert!(!folder.path().join(FILE).exists());
-        assert!(Lock::take(folder.path()).unwrap().is_some());
-    }
-}
