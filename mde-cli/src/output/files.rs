@@ -119,13 +119,7 @@ impl<'r> ResultFiles<'r> {
         match format {
             Format::Ply => write_atomic(&folder.join("cloud.ply"), &ply::encode(&view, unit))?,
             Format::Exr => write_atomic(&folder.join("depth.exr"), &layers::encode(&view, self.prior)?)?,
-            Format::Colmap => {
-                let model = subfolder(folder, "colmap/sparse/0")?;
-                for (name, text) in colmap::files(&view) {
-                    write_atomic(&model.join(name), text.as_bytes())?;
-                }
-                write_image(subfolder(folder, "colmap/images")?.join(export::IMAGE), self.image)?;
-            }
+            Format::Colmap => colmap::write(folder, &view)?,
             Format::ColmapDense => {
                 let text = "export: colmap-dense is of a whole capture; refine all of its photographs, or give colmap";
                 return Err(Error::Argument(text.to_owned()));

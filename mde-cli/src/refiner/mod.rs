@@ -141,6 +141,10 @@ pub struct Plan {
     pub parallel_predictions: usize,
 }
 
+/// Bytes per pixel of the results for the files for other programs, and for the ends of an interval.
+const EXPORTS: f64 = 40.0;
+const INTERVAL: f64 = 8.0;
+
 /// A prior with settings; refines any number of scenes.
 pub struct Refiner<'p> {
     prior: &'p OpenPrior<'p>,
@@ -188,25 +192,22 @@ impl<'p> Refiner<'p> {
     /// # Errors
     /// [`Error::Argument`] where it exceeds the memory limit.
     pub fn plan(&self, name: &str, original: (usize, usize), photographs: usize) -> Result<Plan> {
-        let Settings { config, sizes, memory: limit, .. } = &self.settings;
+        let Settings { config, sizes, memory: limit, error_bar, exports, .. } = &self.settings;
         let (prior, threads) = (self.prior.prior(), rayon::current_num_threads());
         let full = sizes.of_results(original);
         let at = sizes.of_refinement(full);
-        let pixels = at.0 as u64 * at.1 as u64;
-        let (memory, swept) = match photographs {
-            0 | 1 => (PhotographMemory::new(config, prior, full, at, threads), 0),
-            _ => {
-                let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
-                limit.check(name, at, bytes)?;
-                let memory = PhotographMemory::of_several(config, prior, at, photographs, threads);
-                (memory, bytes(pixels))
-            }
-        };
-        let results = full.0 as u64 * full.1 as u64;
-        let interval = self.settings.error_bar.probability().is_some();
-        let memory = memory.with_results(results, self.settings.exports, interval);
+        let pixels = |(height, width)| height as u64 * width as u64;
+        let mut swept = 0;
+        if photographs > 1 {
+            let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
+            limit.check(name, at, bytes)?;
+            swept = bytes(pixels(at));
+        }
+        let mut memory = PhotographMemory::new(config, prior, [full, at], photographs, threads);
+        let ends = if error_bar.probability().is_some() { INTERVAL } else { 0.0 };
+        memory.held += pixels(full) as f64 * (ends + if *exports { EXPORTS } else { 0.0 });
         let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
-        let bytes = memory.bytes(pixels, parallel_predictions as u64).max(swept);
+        let bytes = memory.bytes(pixels(at), parallel_predictions as u64).max(swept);
         Ok(Plan { bytes, shared: memory.shared(), parallel_predictions })
     }
 

@@ -9,6 +9,7 @@
 //! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
 //! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
 //! photograph: a closure returns the width and height of each, or `None` for a missing one. [`CaptureFiles`] recognises the format.
+//! [`transforms_json`], [`colmap_text`] and [`colmap_map`] write these formats.
 
 mod colmap;
 mod error;
@@ -26,13 +27,15 @@ use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::ArrayView3;
 
-pub use colmap::{SparseDepths, read_colmap, read_colmap_depths};
+pub use colmap::{ColmapPoint, SparseDepths, colmap_map, colmap_text, read_colmap, read_colmap_depths};
 pub use error::{Error, Result};
 pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
 pub use tum::{read_tum, read_tum_list};
 
+/// From pixel centres at integers to those at halves.
+const HALF: f64 = 0.5;
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 30;
 /// Largest coordinate of a position, in the unit of the poses. Products of positions up to it are finite.

@@ -6,8 +6,8 @@ use nalgebra::Matrix3;
 use serde_json::{Map, Value, json};
 
 use super::{
-    Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, read_text,
-    rotation, translation,
+    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content,
+    read_text, rotation, translation,
 };
 
 /// Models of a `transforms.json` that are read.
@@ -15,9 +15,6 @@ const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIM
 const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL";
 /// Extensions that are tried for a name without one.
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
-
-/// From pixel centres at integers to those at halves.
-const HALF: f64 = 0.5;
 
 /// Position of the first pixel's centre: 0, as everywhere in this workspace, or one half.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -169,7 +166,7 @@ impl Fields<'_> {
             Some(f) => f,
             None => by_angle("camera_angle_y", height)?.unwrap_or(fx),
         };
-        let shift = if centres == PixelCentres::Halves { 0.5 } else { 0.0 };
+        let shift = if centres == PixelCentres::Halves { HALF } else { 0.0 };
         let middle = |key: &str, n: usize| -> Result<f64> {
             Ok(self.number(key)?.map_or(0.5 * (n as f64 - 1.0), |c| c - shift))
         };

@@ -4,7 +4,7 @@
 //! settings keeps the folder. The files of all photographs are written at the end.
 
 use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
-use crate::output::export::colmap_dense::{FOLDER as WORKSPACE, LIST};
+use crate::output::export::colmap::{FOLDER as WORKSPACE, LIST};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
