@@ -40,7 +40,6 @@ pub use error::{Error, Result};
 pub use prior::OpenPrior;
 pub use refinement::event::{Callback, Event, Stage};
 pub use refinement::refine;
-pub use refinement::shared::SharedNerf;
 pub use refinement::stages::{FieldFactory, FieldRequest, Stages};
 pub use refiner::{Observer, Plan, Prepared, Refined, Refiner, Settings};
 pub use reports::Refinement;

@@ -1,16 +1,11 @@
 //! The monocular depth that a refinement begins with.
 
-mod bound;
 pub mod files;
 pub mod origin;
 
-pub(crate) use bound::PhotographPrior;
-
-use crate::error::{Error, Result};
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use mde_prior::{DepthKind, DepthPrior, FileKind, FilePrior, PriorDepth, open};
+use mde_prior::{DepthKind, DepthPrior, FilePrior, PriorDepth};
 use ndarray::{Array2, Array3, ArrayView3};
-use std::path::Path;
 use std::sync::OnceLock;
 
 /// A prior that is open: a network, a map, or a caller's own.
@@ -83,16 +78,4 @@ impl DepthPrior for Uniform {
 /// Identifies the bytes of a model's file: their CRC-32 in hexadecimal digits.
 pub fn hash(bytes: &[u8]) -> String {
     format!("{:08x}", crc32fast::hash(bytes))
-}
-
-/// [`hash`] of several files, as if they were one.
-///
-/// # Errors
-/// [`Error::Prior`] where one cannot be read.
-pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
-    let mut hasher = crc32fast::Hasher::new();
-    for path in paths {
-        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::read(path))?);
-    }
-    Ok(format!("{:08x}", hasher.finalize()))
 }

@@ -13,7 +13,6 @@
 pub mod event;
 pub mod predict;
 pub mod scale;
-pub mod shared;
 pub mod stages;
 mod upsample;
 pub mod views;

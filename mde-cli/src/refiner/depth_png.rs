@@ -7,6 +7,7 @@ use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::normal::erf;
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, Zip};
+use serde::Serialize;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
@@ -20,13 +21,16 @@ const WITHIN: f64 = 0.1;
 const FORMULA: &str = "erf(0.1 depth / (sqrt(2) sigma)), the probability of an error below 10 % of the depth";
 
 /// Unit and scale of `depth.png`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize)]
 pub struct DepthPng {
     /// Name of the unit.
+    #[serde(skip)]
     pub unit: &'static str,
     /// Value = depth times this.
+    #[serde(rename = "png_scale")]
     pub scale: f64,
     /// Number of pixels whose depth does not fit, and that are missing in the file.
+    #[serde(rename = "png_missing_pixels")]
     pub beyond: usize,
 }
 

@@ -8,24 +8,32 @@ use mde_nerf::RadianceField;
 use mde_prior::Certainty;
 use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
+use serde::Serialize;
 
-/// Result of a run.
+/// Result of a run; serialised, without the maps and the field.
+#[derive(Serialize)]
 pub struct Refinement {
     /// The refined depth and its variance, `[height, width]`, z in the prior's unit.
+    #[serde(skip)]
     pub depth: GaussianDepth,
     /// The monocular depth that it started from, `[height, width]`; 0 where missing.
+    #[serde(skip)]
     pub prior: Array2<f32>,
     /// Report of the prior's stage.
     pub augmentation: AugmentationReport,
     /// Components of the standard deviation.
+    #[serde(skip)]
     pub components: Vec<Component>,
     /// One report per iteration.
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
+    #[serde(skip)]
     pub field: Option<Box<dyn RadianceField>>,
     /// How sure the model itself is of each pixel, where it says so and refined a single photograph. Sigma does not depend on it.
+    #[serde(skip)]
     pub certainty: Option<Certainty>,
     /// Report of several photographs, where there were any.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub capture: Option<CaptureReport>,
 }
 

@@ -1,7 +1,6 @@
 //! Photographs of one static scene, each at the size at which it is refined, with its camera.
 
 pub mod camera;
-pub mod intrinsics;
 pub mod known;
 pub mod size;
 
@@ -31,16 +30,7 @@ pub struct Photograph {
     /// `(height, width)` as given.
     pub original: (usize, usize),
     /// The photograph at the size of the results, where it is refined at a smaller one.
-    pub full: Option<Full>,
-}
-
-/// A photograph at the size of its results.
-#[derive(Debug, Clone)]
-pub struct Full {
-    /// sRGB in 0 to 1, `[height, width, 3]`.
-    pub image: ArcArray<f32, Ix3>,
-    /// The camera at this size.
-    pub camera: KnownCamera,
+    pub full: Option<ArcArray<f32, Ix3>>,
 }
 
 impl Photograph {
@@ -77,8 +67,7 @@ impl Photograph {
             let (rows, columns) = at;
             warn(format!("{width}x{height} pixels: refined at {columns}x{rows}; {{work-size}} sets this"));
             let small = shrink(self.image.view(), at).into_shared();
-            let image = std::mem::replace(&mut self.image, small);
-            self.full = if several { None } else { Some(Full { image, camera: self.camera.resized(size)? }) };
+            self.full = Some(std::mem::replace(&mut self.image, small)).filter(|_| !several);
         }
         self.camera = self.camera.resized(at)?;
         if self.mask.dim() != at {
@@ -95,7 +84,7 @@ impl Photograph {
 
     /// `(height, width)` of the results.
     pub fn of_results(&self) -> (usize, usize) {
-        let (height, width, _) = self.full.as_ref().map_or(&self.image, |full| &full.image).dim();
+        let (height, width, _) = self.full.as_ref().unwrap_or(&self.image).dim();
         (height, width)
     }
 
@@ -218,12 +207,6 @@ pub struct SameScale {
 }
 
 impl SameScale {
-    /// What a photograph's results depend on.
-    pub fn key(&self) -> String {
-        // Bits, as texts of numbers may differ.
-        format!("{:016x} {:016x} {}", self.factor.to_bits(), self.log_sigma.to_bits(), self.photographs)
-    }
-
     /// Whether no other photograph has this scale.
     pub fn is_alone(&self) -> bool {
         self.photographs < 2

@@ -103,7 +103,10 @@ impl Common<'_> {
     fn made_from(&self, item: &Item, bytes: &[u8]) -> String {
         let made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(bytes), bytes.len());
         match &item.same_scale {
-            Some(same_scale) => format!("{made_from} {}", same_scale.key()),
+            // Without the group, which changes with other photographs.
+            Some(SameScale { factor, log_sigma, photographs, .. }) => {
+                format!("{made_from} {factor} {log_sigma} {photographs}")
+            }
             None => made_from,
         }
     }
