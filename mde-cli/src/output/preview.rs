@@ -2,7 +2,7 @@
 
 use crate::output::canvas::{Canvas, Colour, text_width};
 use crate::output::files::ResultFiles;
-use crate::scene::size::resized;
+use crate::scene::size::shrink;
 use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
@@ -75,7 +75,7 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
         Some(truth) => maps.push(depth("truth", truth)),
         None => {
             canvas.text("image", [MARGIN, title], text, INK);
-            canvas.image([MARGIN, top], &resized(show.image, width, height));
+            canvas.image([MARGIN, top], &shrink(show.image, (height, width)));
         }
     }
     maps.push((format!("sigma [{unit}]"), show.sigma, &*SIGMAS, sigmas));
@@ -115,7 +115,7 @@ pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<
     let height = ((inner as f64 / all) as usize).clamp(1, THUMBNAIL);
     let small = |photograph: &ArrayView3<'_, f32>| {
         let (rows, columns, _) = photograph.dim();
-        resized(*photograph, (columns * height / rows.max(1)).max(1), height)
+        shrink(*photograph, (height, (columns * height / rows.max(1)).max(1)))
     };
     photographs.iter().map(small).collect()
 }
@@ -153,7 +153,7 @@ pub fn contact_sheet(views: &[PosedView]) -> Array3<u8> {
         let [left, top] = [MARGIN + index % COLUMNS * cell[0], MARGIN + index / COLUMNS * cell[1]];
         let title = if index == 0 { "original".to_owned() } else { format!("view {index:02}") };
         canvas.text(&title, [left, top], text, INK);
-        canvas.image([left, top + text + MARGIN / 2], &resized(masked(view).view(), THUMBNAIL, height));
+        canvas.image([left, top + text + MARGIN / 2], &shrink(masked(view).view(), (height, THUMBNAIL)));
     }
     canvas.into_pixels()
 }

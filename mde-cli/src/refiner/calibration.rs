@@ -45,7 +45,7 @@ struct Decisive<'c> {
 /// the depth model's [`hash`] where there is one.
 ///
 /// # Errors
-/// [`Error::Settings`] for a configuration that can't be serialised.
+/// [`Error::External`] for a configuration that can't be serialised.
 pub fn fingerprint(
     config: &Config,
     accepts_new_images: bool,
@@ -68,8 +68,7 @@ pub fn fingerprint(
         }),
         several: several.then(|| (&config.multi_view, (refinement.iterations > 0).then_some(&config.nerf))),
     };
-    let text = serde_json::to_string(&decisive)
-        .map_err(|e| Error::Settings { origin: "settings".into(), reason: e.to_string() })?;
+    let text = serde_json::to_string(&decisive).map_err(Error::external)?;
     Ok(Fingerprint { settings: hash(text.as_bytes()), model })
 }
 

@@ -65,17 +65,10 @@ impl Refinement {
             return Err(fault("the poses were estimated, so the capture has no unit but the prior's"));
         };
         let factor = match report.scale {
-            Some([factor, _]) if factor > 0.0 && factor.is_finite() => factor as f32,
+            Some([factor, _]) if factor > 0.0 && factor.is_finite() => f64::from(factor as f32),
             _ => return Err(fault("no scale between the capture's unit and the prior's was found")),
         };
-        let depth = self.depth.map(|mean, variance| (factor * mean, factor * factor * variance));
-        let scaled = |part: Component| Component { sigma: part.sigma.mapv(|s| factor * s), ..part };
-        let refined = Self {
-            depth,
-            prior: self.prior.mapv(|z| factor * z),
-            components: self.components.into_iter().map(scaled).collect(),
-            ..self
-        };
-        Ok(refined.with_poses(Some(f64::from(factor))))
+        let refined = self.mapped(None, |z| Some((factor * z, factor, 0.0)))?.0;
+        Ok(refined.with_poses(Some(factor)))
     }
 }

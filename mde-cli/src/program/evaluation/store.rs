@@ -7,7 +7,7 @@ use crate::program::store::folder::{
     NewFolder, check_own, file_name, folders_in, remove_unfinished, replace,
 };
 use crate::program::store::lock::{self, Lock};
-use crate::scene::size::resized;
+use crate::scene::size::shrink;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
@@ -170,7 +170,7 @@ impl Store {
         let (height, width, _) = image.dim();
         let scale = (PICTURE_SIDE as f64 / width.max(height) as f64).min(1.0);
         let side = |pixels: usize| ((pixels as f64 * scale).round() as usize).max(1);
-        Ok(write_image(path, resized(image, side(width), side(height)).view())?)
+        Ok(write_image(path, shrink(image, (side(height), side(width))).view())?)
     }
 
     /// Stores a method's result, in place of an older one.

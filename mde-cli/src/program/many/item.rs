@@ -14,7 +14,7 @@ use crate::program::store::entry::Entry;
 use crate::program::store::folder::{ENTRY, OutputFolder, list_files};
 use crate::program::workers::caught;
 use crate::refiner::{Plan, Refined, Refiner};
-use crate::scene::size::resized;
+use crate::scene::size::shrink;
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::{Result, ensure};
 use mde_prior::photo::{decode_image, write_rgb_png};
@@ -165,14 +165,14 @@ fn thumbnail(refined: &Refined<'_>) -> Result<Array3<u8>> {
     let (rows, columns, _) = refined.image.dim();
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
-        |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
+        |picture: ArrayView3<'_, u8>| shrink(picture.mapv(|v| f32::from(v) / 255.0).view(), (HEIGHT, width));
     let depth = &refined.refinement.depth;
     let relative = ndarray::Zip::from(depth.mean())
         .and(&depth.sigma())
         .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });
     let range = usual_range(relative.iter());
     let parts = [
-        resized(refined.image, width, HEIGHT),
+        shrink(refined.image, (HEIGHT, width)),
         small(depth_picture(depth.mean()).view()),
         small(sigma_picture_within(relative.view(), range).view()),
     ];

@@ -1,6 +1,6 @@
 //! Settings and threads.
 
-use crate::config::{Config, Preset, Shorthands};
+use crate::config::{Config, Preset};
 use crate::output::export::Format;
 use crate::program::args::{
     CameraArgs, DenseArgs, ErrorBarArgs, ExportArgs, MemoryArgs, PresetArgs, RefineArgs, SettingsArgs,
@@ -46,7 +46,7 @@ pub(crate) fn all_settings(
 ) -> Result<Settings> {
     let mut settings = settings(&args.preset, memory, usual)?;
     let &SettingsArgs { seed, no_nerf, predictions, depth_range, .. } = args;
-    Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut settings.config)?;
+    settings.config = settings.config.with(seed, no_nerf, predictions, depth_range)?;
     settings.error_bar = ErrorBar::open(error_bar.interval, error_bar.calibration.as_deref())?;
     Ok(settings)
 }

@@ -4,7 +4,7 @@ use crate::config::{Config, IterationPrior, Preset};
 use crate::program::report::encode::{WIDEST, fitted, gradients, map, picture};
 use crate::program::report::{page, photographs, read_json, read_text};
 use crate::program::store::folder::RECORD;
-use crate::scene::size::resized;
+use crate::scene::size::shrink;
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
@@ -86,7 +86,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     if let Some(evidence) = &evidence {
         maps.insert("evidence".to_owned(), embed(evidence)?);
     }
-    let small = resized(image.pixels.view(), size[0], size[1]);
+    let small = shrink(image.pixels.view(), (size[1], size[0]));
     let present = |name: &str| name == super::FILE || folder.join(name).exists();
     let files: Vec<Value> = FILES
         .iter()

@@ -5,7 +5,7 @@ pub mod limit;
 
 use crate::config::{Config, NovelViews, RefinementConfig};
 use mde_mvs::consensus::sweeps_bytes;
-use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
+use mde_nerf::RenderConfig;
 
 /// Bytes of a mebibyte.
 const MIB: f64 = (1 << 20) as f64;
@@ -21,14 +21,6 @@ const PIXEL: f64 = 220.0;
 const VIEW: f64 = 25.0;
 /// Bytes per pixel and rendered view: depth and variance, before and after reprojection.
 const RENDERED: f64 = 16.0;
-/// Groups of rays that sum their gradients and keep their activations, and the points of one of their tiles; as in `mde-nerf`.
-const GROUPS: f64 = 16.0;
-const TILE_POINTS: f64 = 1024.0;
-/// Copies of a network's parameters: itself, its transpose, two moments, an average, a sum of gradients, two for what vectors hold in
-/// reserve; and a gradient per group.
-const NETWORK_COPIES: f64 = 8.0 + GROUPS;
-/// Bytes of a sample's position, kept with its gradients until the end of a step.
-const POSITION: f64 = 12.0;
 /// Bytes per pixel and photograph of a capture: colours and mask, which views share, and the prior.
 const PHOTOGRAPH: f64 = 13.0 + 4.0;
 /// Bytes per pixel of a photograph whose features are searched for: scale spaces at twice its size.
@@ -46,7 +38,7 @@ const SHARED_VIEW: f64 = 24.0;
 /// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
 /// included; [`inference::PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
-    (PROGRAM + pixels as f64 * pixel_bytes(config) + field_bytes(config)) as u64
+    (PROGRAM + pixels as f64 * pixel_bytes(config) + config.nerf.fit_bytes()) as u64
 }
 
 /// Estimate of the bytes that [`refine_several`](crate::several::refine_several) needs for that many photographs of that many pixels on that
@@ -55,7 +47,7 @@ pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
 pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config) -> u64 {
     let used = photographs.min(config.multi_view.max_views as u64);
     let sweeps = sweeps_bytes(pixels, photographs, used) as f64;
-    let fit = if config.refinement.iterations > 0 { field_bytes(config) } else { 0.0 };
+    let fit = if config.refinement.iterations > 0 { config.nerf.fit_bytes() } else { 0.0 };
     let pixel = PHOTOGRAPH * photographs as f64 + FEATURES * threads.min(photographs) as f64;
     (BASE + pixels as f64 * pixel + sweeps.max(fit)) as u64
 }
@@ -87,10 +79,9 @@ impl SceneMemory {
         let loops = || methods.iter().flatten();
         let most = |bytes: fn(&Config) -> f64| loops().map(bytes).fold(0.0, f64::max);
         let mut pixel = SCENE + most(pixel_bytes).max(SCORES) + METHOD * methods.len() as f64;
-        let mut fixed = most(field_bytes);
+        let mut fixed = most(|config| config.nerf.fit_bytes());
         if share_fields {
-            fixed +=
-                distinct(loops(), fit_part).iter().map(|fit| 4.0 * parameters(&fit.nerf.field)).sum::<f64>();
+            fixed += distinct(loops(), fit_part).iter().map(|fit| fit.nerf.field.bytes()).sum::<f64>();
             pixel += SHARED_VIEW * distinct(loops(), render_part).iter().map(rendered).sum::<f64>();
         }
         Self { pixel, fixed }
@@ -130,61 +121,6 @@ fn fit_part(config: &Config) -> Config {
 /// Upper bound of the bytes for rendering `views` views of that many pixels.
 pub fn render_bytes(pixels: u64, views: u64) -> u64 {
     (BASE + pixels as f64 * (64.0 + 24.0 * views as f64)) as u64
-}
-
-/// Bytes of a field and its fit, which depend on the rays of a step and not on the image.
-fn field_bytes(config: &Config) -> f64 {
-    let (sampling, field) = (&config.nerf.sampling, &config.nerf.field);
-    let per_ray = [sampling.coarse, sampling.band, sampling.fine].iter().map(|n| *n as f64).sum::<f64>();
-    let rays = config.nerf.train.rays as f64;
-    let (table, inputs, layers, width) = match field {
-        FieldConfig::Mlp(f) => (0.0, 3 + 6 * f.frequencies, f.layers, f.width),
-        FieldConfig::Hash(f) => (table(f), f.levels * f.features, f.layers, f.width),
-    };
-    let activations = 2.0 * inputs as f64 + (layers as f64 + 2.0) * width as f64;
-    // A tile is at least one ray.
-    let points = TILE_POINTS.max(per_ray).min((rays / GROUPS).ceil() * per_ray);
-    let network = NETWORK_COPIES * 4.0 * (parameters(field) - table);
-    let active = GROUPS * points * 4.0 * activations;
-    let grid = match field {
-        FieldConfig::Mlp(_) => 0.0,
-        FieldConfig::Hash(f) => {
-            // The grid, its average, the first moment, and the second, one number a row.
-            let kept = 3.0 * table + table / f.features as f64;
-            let threads = std::thread::available_parallelism().map_or(1, usize::from);
-            let largest_level = rows(f).fold(0.0, f64::max) * f.features as f64;
-            let scratch = largest_level * threads.min(f.levels) as f64;
-            4.0 * (kept + scratch) + rays * per_ray * (POSITION + 4.0 * inputs as f64)
-        }
-    };
-    network + active + grid
-}
-
-/// Numbers of a field.
-fn parameters(field: &FieldConfig) -> f64 {
-    let network = |inputs: usize, layers: usize, width: usize| {
-        let width = width as f64;
-        inputs as f64 * width + layers.saturating_sub(1) as f64 * width.powi(2) + 4.0 * width
-    };
-    match field {
-        FieldConfig::Mlp(f) => network(3 + 6 * f.frequencies, f.layers, f.width),
-        FieldConfig::Hash(f) => network(f.levels * f.features, f.layers, f.width) + table(f),
-    }
-}
-
-/// Rows of the levels of a hash grid: its corners, or as many columns as `log2-rows` allows.
-fn rows(field: &HashFieldConfig) -> impl Iterator<Item = f64> {
-    let (coarsest, finest) = (f64::from(field.coarsest), f64::from(field.finest));
-    let growth = (finest / coarsest).powf(1.0 / (field.levels.max(2) - 1) as f64);
-    let most = 2_f64.powi(field.log2_rows.min(32) as i32);
-    (0..field.levels).map(move |level| {
-        let cells = (coarsest * growth.powi(level as i32)).floor();
-        (cells + 1.0).powi(3).min(most + cells)
-    })
-}
-
-fn table(field: &HashFieldConfig) -> f64 {
-    rows(field).sum::<f64>() * field.features as f64
 }
 
 /// The largest number of pixels for which `bytes` stays within `bound`; `None` where one pixel is too many.
