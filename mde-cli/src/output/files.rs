@@ -3,11 +3,11 @@
 use crate::error::{Error, Result};
 use crate::output::export::{self, Format, colmap, glb, layers, ply, subfolder, transforms};
 use crate::output::preview::preview;
-use crate::refiner::depth_png::{DepthPng, write_confidence};
+use crate::refiner::depth_png::{DepthPng, FORMULA, confidence};
 use crate::refiner::finish::PICTURES;
 use crate::several::cloud::RefinedView;
 use mde_prior::CertaintyMeaning;
-use mde_prior::format::{write_npy, write_npz};
+use mde_prior::format::{write_confidence_png, write_depth_png, write_npy, write_npz};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
@@ -87,14 +87,19 @@ impl<'r> ResultFiles<'r> {
         let Self { depth, sigma, prior, image, .. } = *self;
         let mut maps = vec![("depth", depth.mean()), ("sigma", sigma), ("prior", prior)];
         maps.extend(&self.more);
-        let mut files: Vec<Box<dyn Fn() -> Result<()> + Sync + Send + '_>> = vec![
-            Box::new(|| Ok(write_rgb_png(folder.join("preview.png"), preview(self).view())?)),
-            Box::new(|| Ok(write_image(folder.join(export::IMAGE), image)?)),
-            Box::new(|| self.png.write(&folder.join("depth.png"), depth.mean())),
-            Box::new(|| write_confidence(&folder.join("confidence.png"), depth)),
+        let mut files: Vec<Box<dyn Fn() -> mde_prior::Result<()> + Sync + Send + '_>> = vec![
+            Box::new(|| write_rgb_png(folder.join("preview.png"), preview(self).view())),
+            Box::new(|| write_image(folder.join(export::IMAGE), image)),
+            Box::new(|| {
+                let (path, DepthPng { unit, scale, .. }) = (folder.join("depth.png"), self.png);
+                write_depth_png(path, depth.mean(), unit, scale).map(drop)
+            }),
+            Box::new(|| {
+                write_confidence_png(folder.join("confidence.png"), confidence(depth).view(), FORMULA)
+            }),
         ];
         for (name, map) in maps {
-            files.push(Box::new(move || Ok(write_npy(folder.join(format!("{name}.npy")), map)?)));
+            files.push(Box::new(move || write_npy(folder.join(format!("{name}.npy")), map)));
         }
         // Side by side: of a photograph of 12 megapixels they take seconds.
         files.par_iter().try_for_each(|write| write())?;

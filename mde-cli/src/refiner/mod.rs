@@ -1,13 +1,5 @@
 //! The way of every refinement: a [`Refiner`] takes a [`Scene`] through plan, prepare and refine.
 //!
-//! | Step | What | Where |
-//! |---|---|---|
-//! | plan | memory, and predictions side by side, from sizes alone | [`Refiner::plan`] |
-//! | scene | each photograph at its size, with its camera | [`Photograph::resized`] |
-//! | prepare | the network's camera and metres; of several photographs predictions and poses | [`Refiner::prepare`] |
-//! | refine | the loop, or the sweeps and the field of several photographs | [`Prepared::refine`] |
-//! | finish | unit, scale by known depths, error bar | [`Refined`] |
-//!
 //! The program, the evaluations and the Python package call it.
 //!
 //! ```

@@ -37,24 +37,6 @@ pub struct Pair([Kept; 2]);
 /// Each photograph needs one prediction, and its features at 640 pixels on the longer side. It is compared with the 3 before it, and
 /// up to 16 photographs, evenly spread over all, with each other; no more than these are kept. The factors depend on the photographs, their
 /// order, and the seed alone.
-///
-/// ```no_run
-/// use mde_cli::refiner::same_scale::OneScale;
-/// use mde_cli::{Config, Result};
-/// # use mde_cli::{scene::camera::KnownCamera, mde_prior::DepthPrior};
-/// # use ndarray::Array3;
-///
-/// # fn all(photographs: &[(Array3<f32>, KnownCamera)], prior: &dyn DepthPrior, config: &Config) -> Result<()> {
-/// let mut scale = OneScale::new(photographs.len(), config);
-/// for (image, camera) in photographs {
-///     let pairs = scale.add(scale.prepare(image.view(), camera, prior).ok());
-///     let ratios: Vec<_> = pairs.iter().filter_map(|pair| scale.ratio(pair)).collect();
-///     scale.extend(ratios);
-/// }
-/// let factors = scale.factors()?;
-/// # Ok(())
-/// # }
-/// ```
 #[derive(Debug)]
 pub struct OneScale {
     disparity: DisparityRule,

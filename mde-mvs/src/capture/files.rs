@@ -52,12 +52,6 @@ impl CaptureFiles {
         Ok(read_tum_list(&folder.join("rgb.txt"))?.into_iter().next().map(|(_, path)| path))
     }
 
-    /// Whether the files have no intrinsics.
-    #[must_use]
-    pub fn needs_lens(&self) -> bool {
-        matches!(self, Self::Tum(_))
-    }
-
     /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers. Pixel centres of a `transforms.json` are at
     /// halves, as nerfstudio and instant-ngp have them, unless its `pixel_centres` is `integers`.
     ///
