@@ -1,13 +1,15 @@
 //! The files of a result.
 
 use crate::error::{Error, Result};
-use crate::output::export::{self, Format, colmap, glb, layers, ply, subfolder, transforms};
+use crate::output::export::{self, Format, colmap, glb, ply, subfolder, transforms};
 use crate::output::preview::preview;
-use crate::refiner::depth_png::{DepthPng, FORMULA, confidence};
 use crate::refiner::finish::PICTURES;
 use crate::several::cloud::RefinedView;
 use mde_prior::CertaintyMeaning;
-use mde_prior::format::{write_confidence_png, write_depth_png, write_npy, write_npz};
+use mde_prior::format::{
+    CONFIDENCE_FORMULA, DepthPng, confidence, write_confidence_png, write_depth_png, write_exr, write_npy,
+    write_npz,
+};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
@@ -95,7 +97,11 @@ impl<'r> ResultFiles<'r> {
                 write_depth_png(path, depth.mean(), unit, scale).map(drop)
             }),
             Box::new(|| {
-                write_confidence_png(folder.join("confidence.png"), confidence(depth).view(), FORMULA)
+                write_confidence_png(
+                    folder.join("confidence.png"),
+                    confidence(depth).view(),
+                    CONFIDENCE_FORMULA,
+                )
             }),
         ];
         for (name, map) in maps {
@@ -123,7 +129,12 @@ impl<'r> ResultFiles<'r> {
         let (view, unit) = (self.view(), self.png.unit);
         match format {
             Format::Ply => write_atomic(&folder.join("cloud.ply"), &ply::encode(&view, unit))?,
-            Format::Exr => write_atomic(&folder.join("depth.exr"), &layers::encode(&view, self.prior)?)?,
+            Format::Exr => {
+                // OpenCV reads a luminance or colours alone; Nuke and Blender look for Z.
+                let (depth, sigma) = (view.depth, view.sigma);
+                let channels = [("Y", depth), ("Z", depth), ("sigma", sigma), ("prior", self.prior)];
+                write_exr(folder.join("depth.exr"), &channels)?;
+            }
             Format::Colmap => colmap::write(folder, &view)?,
             Format::ColmapDense => {
                 let text = "export: colmap-dense is of a whole capture; refine all of its photographs, or give colmap";

@@ -2,8 +2,8 @@
 
 use crate::output::canvas::{Canvas, Colour, text_width};
 use crate::output::files::ResultFiles;
-use crate::scene::size::shrink;
 use colorous::{Gradient, MAGMA, VIRIDIS};
+use mde_prior::resample::shrink;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
@@ -213,7 +213,7 @@ pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::refiner::depth_png::DepthPng;
+    use mde_prior::format::DepthPng;
     use mde_uncertainty::GaussianDepth;
     use mde_warp::PinholeCamera;
     use ndarray::Array2;

@@ -29,7 +29,6 @@ mod bound;
 pub mod calibration;
 #[cfg(feature = "files")]
 pub mod capture;
-pub mod depth_png;
 pub mod error_bar;
 pub mod finish;
 mod order_check;

@@ -1,7 +1,7 @@
 //! Sizes of photographs, and pictures of them.
 
-use mde_prior::resample::{Filter, resize};
-use ndarray::{Array3, ArrayView3, Axis};
+use mde_prior::resample::shrink;
+use ndarray::{Array3, ArrayView3};
 
 /// Least width and height of an image, pixels.
 pub const SMALLEST: usize = 8;
@@ -48,15 +48,6 @@ pub(crate) fn within((height, width): (usize, usize), longest: usize) -> (usize,
     }
     let scaled = |side: usize| ((2 * side * longest + longer) / (2 * longer)).max(1);
     (scaled(height), scaled(width))
-}
-
-/// The image `[height, width, 3]` at another size, without aliases.
-pub fn shrink(image: ArrayView3<'_, f32>, (height, width): (usize, usize)) -> Array3<f32> {
-    let mut small = Array3::zeros((height, width, 3));
-    for (mut to, from) in small.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
-        to.assign(&resize(from, (height, width), Filter::BilinearAntialias));
-    }
-    small
 }
 
 /// A colour in 0 to 1 as a byte.

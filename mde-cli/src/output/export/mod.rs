@@ -2,7 +2,6 @@
 
 pub mod colmap;
 pub(super) mod glb;
-pub(super) mod layers;
 pub(super) mod ply;
 pub mod transforms;
 

@@ -2,9 +2,9 @@
 
 use super::{IMAGE, frame};
 use crate::error::Result;
-use crate::refiner::depth_png::MILLIMETRES;
 use crate::several::cloud::RefinedView;
 use mde_mvs::capture::{Frame, transforms_json};
+use mde_prior::format::MILLIMETRES;
 use std::path::Path;
 
 /// Name of the file.

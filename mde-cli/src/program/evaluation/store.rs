@@ -7,11 +7,11 @@ use crate::program::store::folder::{
     NewFolder, check_own, file_name, folders_in, remove_unfinished, replace,
 };
 use crate::program::store::lock::{self, Lock};
-use crate::scene::size::shrink;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;
+use mde_prior::resample::shrink;
 use ndarray::{Array2, ArrayView3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

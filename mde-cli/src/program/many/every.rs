@@ -22,13 +22,12 @@ use crate::program::store::folder::{
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
 use crate::program::terminal::line_of;
-use crate::refiner::depth_png::MILLIMETRES;
 use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
 use crate::several::cloud::RefinedView;
 use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
-use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
+use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use ndarray::Array2;
 use serde_json::json;
 use std::fs;

@@ -1,6 +1,6 @@
-//! The maps of a run in PNGs of 16 bits: `depth.png` and `confidence.png`.
+//! What the PNG files of a result hold: the scale of a depth, and the confidence.
 
-use crate::prior::origin::METRES;
+use super::MILLIMETRES;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::normal::erf;
 use mde_uncertainty::statistics::median;
@@ -8,17 +8,17 @@ use ndarray::{Array2, Zip};
 use serde::Serialize;
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Steps per unit: millimetres for metres.
-pub const MILLIMETRES: f64 = 1000.0;
+/// The unit of metric depth.
+const METRES: &str = "m";
 /// Least steps of the median depth in an unknown unit.
 const FEWEST_STEPS: f64 = 100.0;
 /// Error whose probability the confidence states, as a share of the depth.
 const WITHIN: f64 = 0.1;
 /// How the confidence follows from depth and sigma.
-pub const FORMULA: &str =
+pub const CONFIDENCE_FORMULA: &str =
     "erf(0.1 depth / (sqrt(2) sigma)), the probability of an error below 10 % of the depth";
 
-/// Unit and scale of `depth.png`.
+/// Unit and scale of a PNG of depths.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct DepthPng {
     /// Name of the unit.
