@@ -11,7 +11,7 @@ use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
 use mde_prior::augment::Predictions;
 use mde_prior::{AugmentationConfig, DisparityRule, FileKind, open};
-use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
+use mde_warp::{ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml::{Table, Value};
@@ -205,11 +205,6 @@ impl Config {
     /// The poses of the novel views. Poses that only rotate carry no depth, so there are none.
     pub(crate) fn novel_views(&self) -> ViewSampling {
         ViewSampling { count: self.novel.count, rotation_only: 0.0, ..self.views.clone() }
-    }
-
-    /// The reprojection, with the tear of the warps.
-    pub(crate) fn reprojection(&self) -> ReprojectConfig {
-        ReprojectConfig { tear: self.warp.tear, ..ReprojectConfig::default() }
     }
 
     /// Checks every value of every stage.

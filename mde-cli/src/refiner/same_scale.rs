@@ -22,7 +22,7 @@ const LONGER_SIDE: usize = 640;
 const FEATURES: usize = 1500;
 
 /// Error of a whole photograph's factor over that by what it has in common with others: the median of two networks on 13 captures
-/// (docs/many.md).
+/// (docs/guide.md).
 const WHOLE: f64 = 2.2;
 
 /// A photograph that is compared with later ones.
@@ -45,8 +45,8 @@ pub struct OneScale {
     /// Photographs from one that is matched with all such to the next.
     stride: usize,
     added: usize,
-    keys: Vec<Kept>,
-    last: Vec<Kept>,
+    /// In their order: the last, and those that are matched with all such.
+    kept: Vec<Kept>,
     ratios: Vec<LogRatio>,
 }
 
@@ -59,8 +59,7 @@ impl OneScale {
             photographs,
             stride: photographs.div_ceil(KEYS).max(1),
             added: 0,
-            keys: Vec::new(),
-            last: Vec::new(),
+            kept: Vec::new(),
             ratios: Vec::new(),
         }
     }
@@ -96,16 +95,16 @@ impl OneScale {
         self.added += 1;
         let Some(prepared) = prepared else { return Vec::new() };
         let new: Kept = (index, Arc::new(prepared));
-        let is_key = index.is_multiple_of(self.stride);
-        let far = |(key, _): &&Kept| is_key && self.last.iter().all(|(last, _)| key != last);
-        let others = self.keys.iter().filter(far).chain(&self.last);
-        let pairs = others.map(|old| Pair([old.clone(), new.clone()])).collect();
-        if is_key {
-            self.keys.push(new.clone());
-        }
-        self.last.push(new);
-        if self.last.len() > NEXT {
-            self.last.remove(0);
+        let is_key = |index: usize| index.is_multiple_of(self.stride);
+        let last = self.kept.len().saturating_sub(NEXT);
+        let others = self.kept.iter().enumerate();
+        let others = others.filter(|(place, (old, _))| *place >= last || is_key(index) && is_key(*old));
+        let pairs = others.map(|(_, old)| Pair([old.clone(), new.clone()])).collect();
+        self.kept.push(new);
+        if let Some(left) = self.kept.len().checked_sub(NEXT + 1)
+            && !is_key(self.kept[left].0)
+        {
+            self.kept.remove(left);
         }
         pairs
     }

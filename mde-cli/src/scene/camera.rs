@@ -88,18 +88,23 @@ impl KnownCamera {
     /// that photograph.
     pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
+        let checked = |camera: PinholeCamera| {
+            let lens = Lens { camera, distortion: Distortion::default() };
+            lens.check().map(|()| camera).map_err(Error::Argument)
+        };
         let (camera, source) = match (given, focal_35mm) {
             (GivenCamera::File(path), _) => {
                 let shown = path.display();
                 let read = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
                 let camera = intrinsics(&read, [width, height])
+                    .and_then(checked)
                     .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
                 (camera, CameraSource::File(shown.to_string()))
             }
             (GivenCamera::Intrinsics { fx, fy, cx, cy }, _) => {
                 let (cx, cy) = (cx.unwrap_or(middle(width)), cy.unwrap_or(middle(height)));
                 let camera = PinholeCamera::new(*fx, fy.unwrap_or(*fx), cx, cy, width, height)?;
-                (camera, CameraSource::Flags)
+                (checked(camera)?, CameraSource::Flags)
             }
             (GivenCamera::FieldOfView(fov), _) => {
                 let camera = PinholeCamera::from_fov(*fov, width, height)
@@ -113,14 +118,6 @@ impl KnownCamera {
                 (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
             }
         };
-        let lens = Lens { camera, distortion: Distortion::default() };
-        match &source {
-            CameraSource::Flags => lens.check().map_err(Error::Argument)?,
-            CameraSource::File(file) => {
-                lens.check().map_err(|reason| Error::Argument(format!("{file}: {reason}")))?;
-            }
-            _ => {}
-        }
         Ok(Self { camera, source })
     }
 

@@ -167,22 +167,17 @@ impl Scene {
     /// Identifies the content of the photographs, their cameras, poses and points: their CRC-32 in hexadecimal digits.
     pub fn identity(&self) -> String {
         let mut hasher = crc32fast::Hasher::new();
-        let mut numbers = |values: &mut dyn Iterator<Item = f64>| {
-            values.for_each(|value| hasher.update(&value.to_le_bytes()));
-        };
+        let mut number = |value: f64| hasher.update(&value.to_le_bytes());
         for photograph in &self.photographs {
-            numbers(&mut photograph.image.iter().map(|value| f64::from(*value)));
-            numbers(&mut photograph.mask.iter().map(|real| f64::from(u8::from(*real))));
+            photograph.image.iter().for_each(|value| number(f64::from(*value)));
+            photograph.mask.iter().for_each(|real| number(f64::from(u8::from(*real))));
             let PinholeCamera { fx, fy, cx, cy, width, height } = photograph.camera.camera;
-            numbers(&mut [fx, fy, cx, cy, width as f64, height as f64].into_iter());
-            numbers(
-                &mut photograph
-                    .pose
-                    .iter()
-                    .flat_map(|pose| pose.to_homogeneous().iter().copied().collect::<Vec<_>>()),
-            );
+            [fx, fy, cx, cy, width as f64, height as f64].into_iter().for_each(&mut number);
+            if let Some(pose) = photograph.pose {
+                pose.to_homogeneous().iter().copied().for_each(&mut number);
+            }
         }
-        numbers(&mut self.points.iter().flat_map(|point| [point.x, point.y, point.z]));
+        self.points.iter().flat_map(|point| [point.x, point.y, point.z]).for_each(number);
         for photograph in &self.photographs {
             hasher.update(photograph.name.as_bytes());
             hasher.update(&[0, u8::from(photograph.camera.is_assumed())]);

@@ -100,24 +100,18 @@ impl Raw {
         let binary = model.join("cameras.bin").exists();
         let file = |stem: &str| model.join(format!("{stem}.{}", if binary { "bin" } else { "txt" }));
         let (cameras, images, points) = (file("cameras"), file("images"), file("points3D"));
-        let raw = if binary {
-            Self {
+        let has_points = points.exists();
+        let raw = match binary {
+            true => Self {
                 cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
                 images: binary_images(&images, &read_bytes(&images)?)?,
-                points: match points.exists() {
-                    true => binary_points(&points, &read_bytes(&points)?)?,
-                    false => Vec::new(),
-                },
-            }
-        } else {
-            Self {
+                points: if has_points { binary_points(&points, &read_bytes(&points)?)? } else { Vec::new() },
+            },
+            false => Self {
                 cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
                 images: text_images(&images, &read_text(&images)?)?,
-                points: match points.exists() {
-                    true => text_points(&points, &read_text(&points)?)?,
-                    false => Vec::new(),
-                },
-            }
+                points: if has_points { text_points(&points, &read_text(&points)?)? } else { Vec::new() },
+            },
         };
         Ok((images, raw))
     }
