@@ -5,10 +5,11 @@ use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3};
 use ndarray::ArrayView3;
 
+use super::error::{no_pose, unsupported};
 use super::tum::{lines, number, numbers};
 use super::{
-    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph,
-    content, quaternion, read_bytes, read_text, translation,
+    Distortion, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
+    quaternion, read_bytes, read_text, translation,
 };
 
 const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV";
@@ -122,10 +123,9 @@ impl Raw {
             let problem = format!("camera {} is not among the cameras", image.camera);
             content(path, format!("image {}", image.name), problem)
         })?;
-        let wrong =
-            |problem| Error::Rotation { path: path.to_owned(), photograph: image.name.clone(), problem };
-        let rotation = quaternion(image.quaternion).map_err(wrong)?;
-        let translation = translation(image.translation).map_err(wrong)?;
+        let wrong = no_pose(path, &image.name);
+        let rotation = quaternion(image.quaternion).map_err(&wrong)?;
+        let translation = translation(image.translation).map_err(&wrong)?;
         Ok((lens, Pose::from_parts(translation, rotation)))
     }
 
@@ -196,10 +196,6 @@ fn lens(
     Ok(lens)
 }
 
-fn unsupported(path: &Path, model: String) -> Error {
-    Error::Model { path: path.to_owned(), model, supported: SUPPORTED }
-}
-
 fn integer<T: std::str::FromStr>(path: &Path, line: usize, word: Option<&str>, what: &str) -> Result<T> {
     let problem = || content(path, format!("line {line}"), format!("{what} is missing or no integer"));
     word.and_then(|w| w.parse().ok()).ok_or_else(problem)
@@ -212,7 +208,7 @@ pub(crate) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens
         let id = integer(path, line, words.next(), "the camera's number")?;
         let name = words.next().unwrap_or_default();
         let model =
-            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name.to_owned()))?;
+            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name, SUPPORTED))?;
         let size =
             [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
         let parameters = (0..MODELS[model].1)
@@ -356,7 +352,8 @@ pub(crate) fn binary_cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, 
         let size = [bytes.u64()?, bytes.u64()?];
         let Some((_, number)) = MODELS.get(model) else {
             let other = model.checked_sub(MODELS.len()).and_then(|i| OTHERS.get(i));
-            return Err(unsupported(path, other.map_or_else(|| model.to_string(), |o| (*o).to_owned())));
+            let number = model.to_string();
+            return Err(unsupported(path, other.unwrap_or(&&*number), SUPPORTED));
         };
         let parameters = (0..*number).map(|_| bytes.f64()).collect::<Result<Vec<_>>>()?;
         cameras.insert(id, lens(path, || place.clone(), model, size, &parameters)?);
