@@ -25,6 +25,7 @@
 
 pub mod config;
 pub mod error;
+#[cfg(feature = "files")]
 pub mod output;
 pub mod prior;
 #[cfg(feature = "program")]

@@ -199,7 +199,7 @@ impl<'p> Refiner<'p> {
         memory.held += pixels(full) as f64 * (ends + if *exports { EXPORTS } else { 0.0 });
         let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
         let bytes = memory.bytes(pixels(at), parallel_predictions as u64).max(swept);
-        Ok(Plan { bytes, shared: memory.shared(), parallel_predictions })
+        Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
     }
 
     /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. Its camera is the network's own where the

@@ -58,9 +58,7 @@ pub fn byte(value: f32) -> u8 {
 /// A small version of a photograph `[height, width, 3]`, at most 240 pixels a side.
 pub fn thumbnail(image: ArrayView3<'_, f32>) -> Array3<f32> {
     let (height, width, _) = image.dim();
-    let longer = height.max(width).max(1);
-    let side = |side: usize| if longer > THUMBNAIL { (side * THUMBNAIL / longer).max(1) } else { side };
-    shrink(image, (side(height), side(width)))
+    shrink(image, within((height, width), THUMBNAIL))
 }
 
 #[cfg(test)]

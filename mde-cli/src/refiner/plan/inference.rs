@@ -23,7 +23,7 @@ const KEPT: f64 = 24.0 * MIB;
 pub struct PhotographMemory<'c> {
     config: &'c Config,
     fits_a_field: bool,
-    inference: InferenceMemory,
+    pub(crate) inference: InferenceMemory,
     /// Most predictions at once.
     most: u64,
     /// Bytes of all photographs, and of what is written beside the maps.
@@ -74,11 +74,6 @@ impl<'c> PhotographMemory<'c> {
             false => 0.0,
         };
         (predicted.max(fitted) + model as f64 + self.held) as u64
-    }
-
-    /// Bytes of the loaded network, which photographs side by side share.
-    pub fn shared(&self) -> u64 {
-        self.inference.model
     }
 
     /// The number of predictions at once that fit within the limit at that size, at least 1.
