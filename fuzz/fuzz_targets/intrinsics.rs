@@ -2,10 +2,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::scene::intrinsics::parse;
+use mde_cli::scene::camera::intrinsics;
 
 fuzz_target!(|text: &str| {
-    match parse(text, [640, 480]) {
+    match intrinsics(text, [640, 480]) {
         Ok(camera) => assert!(camera.fx > 0.0 && camera.fy.is_finite() && camera.cx.is_finite()),
         Err(error) => assert!(!error.to_string().is_empty()),
     }

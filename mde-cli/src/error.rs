@@ -2,10 +2,6 @@
 
 use std::path::Path;
 
-/// Depths that the loop works with: their variances, and a thousandth of those, are floats.
-pub(crate) const LEAST: f32 = 1e-12;
-pub(crate) const MOST: f32 = 1e12;
-
 /// An error of a refinement; the text is one line that names the value and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -39,16 +35,6 @@ pub enum Error {
     /// A prior without a known pixel.
     #[error("the prior has no pixel with a depth; check its kind (metric, depth or disparity) and its scale")]
     EmptyPrior,
-    /// A prior whose squares overflow or underflow `f32`.
-    #[error(
-        "the prior's depths reach from {nearest:e} to {farthest:e}; give depths of {LEAST:e} to {MOST:e} (check the prior's scale)"
-    )]
-    Range {
-        /// Its nearest depth.
-        nearest: f32,
-        /// Its farthest depth.
-        farthest: f32,
-    },
     /// A prior of another size than the image.
     #[error(
         "the prior is {}x{} but the image is {}x{} (width x height); make both the same size",
@@ -60,25 +46,7 @@ pub enum Error {
         /// `[height, width]` of the image.
         image: [usize; 2],
     },
-    /// A configuration value out of range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// The field, as the configuration file spells it.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What to write instead.
-        remedy: &'static str,
-    },
-    /// A configuration text that does not parse, has an unknown key, or a value out of range.
-    #[error("{origin}: {reason}")]
-    Settings {
-        /// The file or preset.
-        origin: String,
-        /// The fault and the remedy.
-        reason: String,
-    },
-    /// An argument of a run at fault, or what a file that it names holds: known depths, intrinsics.
+    /// An argument or a setting at fault, or what a file that it names holds: known depths, intrinsics, the depths of a prior.
     #[error("{0}")]
     Argument(String),
     /// The error of a stage or a factory that is not part of this workspace.

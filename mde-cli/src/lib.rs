@@ -25,6 +25,7 @@
 
 pub mod config;
 pub mod error;
+#[cfg(feature = "files")]
 pub mod output;
 pub mod prior;
 #[cfg(feature = "program")]
@@ -40,7 +41,6 @@ pub use error::{Error, Result};
 pub use prior::OpenPrior;
 pub use refinement::event::{Callback, Event, Stage};
 pub use refinement::refine;
-pub use refinement::shared::SharedNerf;
 pub use refinement::stages::{FieldFactory, FieldRequest, Stages};
 pub use refiner::{Observer, Plan, Prepared, Refined, Refiner, Settings};
 pub use reports::Refinement;

@@ -40,6 +40,7 @@ mod posterior;
 mod prior;
 mod report;
 mod residual;
+mod robust;
 #[cfg(test)]
 mod tests;
 
@@ -56,6 +57,7 @@ pub use posterior::posterior;
 pub use prior::Prior;
 pub use report::{FusionReport, Warning};
 pub use residual::{Residual, residuals};
+pub use robust::{LinePoint, RobustLine};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -45,8 +45,8 @@
 //! ```
 //!
 //! # Features
-//! `capture`: readers for nerfstudio's `transforms.json`, COLMAP models and TUM trajectories, in `capture`. `serde`:
-//! settings and reports can be read and written.
+//! `capture`: readers of nerfstudio's `transforms.json`, COLMAP models and TUM trajectories, and writers of the first two, in `capture`.
+//! `serde`: settings and reports can be read and written.
 
 #[cfg(feature = "capture")]
 pub mod capture;

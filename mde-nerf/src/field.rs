@@ -34,6 +34,11 @@ pub trait RadianceField: Send {
         pose: &Pose,
         callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView>;
+
+    /// The content of a file of the fitted field, where the implementation has files.
+    fn to_file(&self) -> Option<Vec<u8>> {
+        None
+    }
 }
 
 /// A rendered view.

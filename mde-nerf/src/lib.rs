@@ -29,6 +29,7 @@ mod gemm;
 mod gradient_check;
 mod loss;
 mod march;
+mod memory;
 mod mlp;
 mod nerf;
 mod network;

@@ -128,4 +128,8 @@ impl RadianceField for Nerf {
         }
         render(&fitted.network, &fitted.frustum, &self.config, camera, pose, callback)
     }
+
+    fn to_file(&self) -> Option<Vec<u8>> {
+        self.to_bytes().ok()
+    }
 }

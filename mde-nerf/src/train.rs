@@ -16,9 +16,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The batch is split into this many groups, each summed in order; their sums are added in order. It limits the number of
 /// threads that a step can use, and does not depend on it.
-const GROUPS: usize = 16;
+pub(crate) const GROUPS: usize = 16;
 /// Target number of points per tile, so that the activations stay in the second-level cache.
-const TILE_POINTS: usize = 1024;
+pub(crate) const TILE_POINTS: usize = 1024;
 /// Steps between two events.
 const REPORT_EVERY: usize = 20;
 /// Pixels per view on which the PSNR of the fit is measured.

@@ -1,7 +1,7 @@
 //! Settings of a run: a preset and what overrides it.
 
 use crate::error::raise;
-use mde_cli::config::{Preset, Shorthands};
+use mde_cli::config::Preset;
 use mde_cli::mde_prior::augment::Predictions;
 use mde_cli::refiner::error_bar::ErrorBar;
 use mde_cli::refiner::plan::limit::MemoryLimit;
@@ -56,11 +56,11 @@ impl Settings {
             }
             _ => config.with_text(&text, "config"),
         };
-        let mut config = config.map_err(raise)?;
+        let config = config.map_err(raise)?;
         let predictions = given.predictions.as_deref().map(Predictions::from_str).transpose();
         let predictions = predictions.map_err(|text| raise(format!("predictions: {text}")))?;
         let Given { seed, no_nerf, depth_range, .. } = given;
-        Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut config).map_err(raise)?;
+        let config = config.with(seed, no_nerf, predictions, depth_range).map_err(raise)?;
         for (name, value, unit) in
             [("work_size", given.work_size, "million pixels"), ("max_memory", given.max_memory, "GiB")]
         {

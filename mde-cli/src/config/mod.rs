@@ -1,18 +1,17 @@
 //! The configuration of a run. The defaults are those of a [`Preset`]; `docs/settings.md` lists every key.
 
 mod presets;
-mod shorthands;
 mod sigma;
 
 pub use presets::Preset;
-pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, text};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
+use mde_prior::augment::Predictions;
 use mde_prior::{AugmentationConfig, DisparityRule, FileKind, open};
-use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
+use mde_warp::{ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml::{Table, Value};
@@ -133,9 +132,9 @@ impl Config {
     /// The same configuration with the values of a TOML text over it. `origin` names the text in errors.
     ///
     /// # Errors
-    /// [`Error::Settings`] for text that is not TOML, an unknown key, or a value of the wrong type or out of range.
+    /// [`Error::Argument`] for text that is not TOML, an unknown key, or a value of the wrong type or out of range.
     pub fn with_text(&self, text: &str, origin: &str) -> Result<Self> {
-        let error = |reason: String| Error::Settings { origin: origin.to_owned(), reason: one_line(&reason) };
+        let error = |reason: String| Error::Argument(format!("{origin}: {}", one_line(&reason)));
         let overrides: Table = text.parse().map_err(|e: toml::de::Error| error(e.to_string()))?;
         let mut table = Table::try_from(self).map_err(|e| error(e.to_string()))?;
         merge(&mut table, overrides.clone());
@@ -170,13 +169,37 @@ impl Config {
         }
     }
 
+    /// The same configuration with what a caller sets in few words: the seed, whether no field is fitted, the most predictions of a model, and
+    /// the nearest and farthest depth of the scene for disparity of unknown scale and shift, metres.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for depths that are no range.
+    pub fn with(
+        mut self,
+        seed: Option<u64>,
+        no_nerf: bool,
+        predictions: Option<Predictions>,
+        depth_range: Option<[f64; 2]>,
+    ) -> Result<Self> {
+        self.seed = seed.unwrap_or(self.seed);
+        if no_nerf {
+            self.refinement.iterations = 0;
+        }
+        self.augmentation.predictions = predictions.unwrap_or(self.augmentation.predictions);
+        let rule = &mut self.disparity;
+        [rule.near, rule.far] = depth_range.unwrap_or([rule.near, rule.far]);
+        let fault = |error| Error::Argument(format!("{{depth-range}}: {}", text(&error)));
+        rule.validate().map_err(fault)?;
+        Ok(self)
+    }
+
     /// The whole configuration as TOML.
     ///
     /// # Errors
-    /// [`Error::Settings`] for a value that TOML can't hold (a seed above 2^63).
+    /// [`Error::Argument`] for a value that TOML can't hold (a seed above 2^63).
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string_pretty(self)
-            .map_err(|e| Error::Settings { origin: "config".into(), reason: one_line(&e.to_string()) })
+        let error = |e: toml::ser::Error| Error::Argument(format!("config: {}", one_line(&e.to_string())));
+        toml::to_string_pretty(self).map_err(error)
     }
 
     /// The poses of the novel views. Poses that only rotate carry no depth, so there are none.
@@ -184,15 +207,10 @@ impl Config {
         ViewSampling { count: self.novel.count, rotation_only: 0.0, ..self.views.clone() }
     }
 
-    /// The reprojection, with the tear of the warps.
-    pub(crate) fn reprojection(&self) -> ReprojectConfig {
-        ReprojectConfig { tear: self.warp.tear, ..ReprojectConfig::default() }
-    }
-
     /// Checks every value of every stage.
     ///
     /// # Errors
-    /// [`Error::Config`], or that of the stage, with the first value out of range.
+    /// [`Error::Argument`], or that of the stage, with the first value out of range.
     pub fn validate(&self) -> Result<()> {
         let Self { refinement, sigma, multi_view, .. } = self;
         let ranges = [
@@ -203,7 +221,7 @@ impl Config {
             ("multi-view.max-views", multi_view.max_views as f64, 2.0..=64.0, "give 2 to 64"),
         ];
         if let Some((field, value, _, remedy)) = ranges.into_iter().find(|r| !r.2.contains(&r.1)) {
-            return Err(Error::Config { field, value: value.to_string(), remedy });
+            return Err(Error::Argument(format!("{field} is {value}; {remedy}")));
         }
         self.augmentation.validate()?;
         self.views.validate()?;
@@ -282,6 +300,19 @@ mod tests {
         (expected.seed, expected.nerf.train.steps) = (9, 7);
         expected.nerf.field = FieldConfig::Hash(HashFieldConfig { levels: 6, ..HashFieldConfig::default() });
         assert_eq!(config, expected);
+    }
+
+    #[test]
+    fn what_is_given_in_few_words_replaces_a_setting() {
+        let usual = Preset::Default.config();
+        assert_eq!(usual.clone().with(None, false, None, None).unwrap(), usual);
+        let few = Some(Predictions::Most(3));
+        let config = usual.clone().with(Some(7), true, few, Some([0.5, 6.0])).unwrap();
+        assert_eq!((config.seed, config.refinement.iterations), (7, 0));
+        assert_eq!(config.augmentation.predictions, Predictions::Most(3));
+        assert_eq!((config.disparity.near, config.disparity.far), (0.5, 6.0));
+        let refused = usual.with(None, false, None, Some([9.0, 2.0])).unwrap_err().to_string();
+        assert!(refused.starts_with("{depth-range}: "), "{refused}");
     }
 
     /// The keys of a table, with their sections; of a list of tables, those of its elements.

@@ -3,11 +3,9 @@ use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
 use mde_prior::AugmentationConfig;
 use mde_prior::augment::Predictions;
-use serde::{Deserialize, Serialize};
 
 /// A named configuration.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preset {
     /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
     Paper,

@@ -14,18 +14,13 @@ static FONT: LazyLock<Option<FontRef<'static>>> =
 
 /// An RGB image, `[height, width, 3]`. Drawing outside of it is clipped.
 pub(super) struct Canvas {
-    pixels: Array3<u8>,
+    pub(super) pixels: Array3<u8>,
 }
 
 impl Canvas {
     /// One colour all over.
     pub(super) fn new(width: usize, height: usize, background: Colour) -> Self {
         Self { pixels: Array3::from_shape_fn((height, width, 3), |(_, _, c)| background[c]) }
-    }
-
-    /// `[height, width, 3]`.
-    pub(super) fn into_pixels(self) -> Array3<u8> {
-        self.pixels
     }
 
     /// Draws an image, sRGB in 0 to 1 `[height, width, 3]`, with its top left corner there.

@@ -1,7 +1,7 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
 use crate::error::Result;
-use crate::output::export::{Format, colmap_dense, ply, transforms};
+use crate::output::export::{Format, colmap, ply, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
@@ -148,7 +148,7 @@ pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &
         cloud.push(found.position, normal, view.colour(row, column), found.sigma);
     }
     if export.contains(&Format::ColmapDense) {
-        colmap_dense::write(folder, views, &points)?;
+        colmap::write_dense(folder, views, &points)?;
     }
     let count = cloud.len();
     let frame = match count {

@@ -1,13 +1,15 @@
 //! The files of a result.
 
 use crate::error::{Error, Result};
-use crate::output::export::{self, Format, colmap, glb, layers, ply, subfolder, transforms};
+use crate::output::export::{self, Format, colmap, glb, ply, subfolder, transforms};
 use crate::output::preview::preview;
-use crate::refiner::depth_png::{DepthPng, write_confidence};
 use crate::refiner::finish::PICTURES;
 use crate::several::cloud::RefinedView;
 use mde_prior::CertaintyMeaning;
-use mde_prior::format::{write_npy, write_npz};
+use mde_prior::format::{
+    CONFIDENCE_FORMULA, DepthPng, confidence, write_confidence_png, write_depth_png, write_exr, write_npy,
+    write_npz,
+};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
@@ -87,14 +89,23 @@ impl<'r> ResultFiles<'r> {
         let Self { depth, sigma, prior, image, .. } = *self;
         let mut maps = vec![("depth", depth.mean()), ("sigma", sigma), ("prior", prior)];
         maps.extend(&self.more);
-        let mut files: Vec<Box<dyn Fn() -> Result<()> + Sync + Send + '_>> = vec![
-            Box::new(|| Ok(write_rgb_png(folder.join("preview.png"), preview(self).view())?)),
-            Box::new(|| Ok(write_image(folder.join(export::IMAGE), image)?)),
-            Box::new(|| self.png.write(&folder.join("depth.png"), depth.mean())),
-            Box::new(|| write_confidence(&folder.join("confidence.png"), depth)),
+        let mut files: Vec<Box<dyn Fn() -> mde_prior::Result<()> + Sync + Send + '_>> = vec![
+            Box::new(|| write_rgb_png(folder.join("preview.png"), preview(self).view())),
+            Box::new(|| write_image(folder.join(export::IMAGE), image)),
+            Box::new(|| {
+                let (path, DepthPng { unit, scale, .. }) = (folder.join("depth.png"), self.png);
+                write_depth_png(path, depth.mean(), unit, scale).map(drop)
+            }),
+            Box::new(|| {
+                write_confidence_png(
+                    folder.join("confidence.png"),
+                    confidence(depth).view(),
+                    CONFIDENCE_FORMULA,
+                )
+            }),
         ];
         for (name, map) in maps {
-            files.push(Box::new(move || Ok(write_npy(folder.join(format!("{name}.npy")), map)?)));
+            files.push(Box::new(move || write_npy(folder.join(format!("{name}.npy")), map)));
         }
         // Side by side: of a photograph of 12 megapixels they take seconds.
         files.par_iter().try_for_each(|write| write())?;
@@ -118,14 +129,13 @@ impl<'r> ResultFiles<'r> {
         let (view, unit) = (self.view(), self.png.unit);
         match format {
             Format::Ply => write_atomic(&folder.join("cloud.ply"), &ply::encode(&view, unit))?,
-            Format::Exr => write_atomic(&folder.join("depth.exr"), &layers::encode(&view, self.prior)?)?,
-            Format::Colmap => {
-                let model = subfolder(folder, "colmap/sparse/0")?;
-                for (name, text) in colmap::files(&view) {
-                    write_atomic(&model.join(name), text.as_bytes())?;
-                }
-                write_image(subfolder(folder, "colmap/images")?.join(export::IMAGE), self.image)?;
+            Format::Exr => {
+                // OpenCV reads a luminance or colours alone; Nuke and Blender look for Z.
+                let (depth, sigma) = (view.depth, view.sigma);
+                let channels = [("Y", depth), ("Z", depth), ("sigma", sigma), ("prior", self.prior)];
+                write_exr(folder.join("depth.exr"), &channels)?;
             }
+            Format::Colmap => colmap::write(folder, &view)?,
             Format::ColmapDense => {
                 let text = "export: colmap-dense is of a whole capture; refine all of its photographs, or give colmap";
                 return Err(Error::Argument(text.to_owned()));

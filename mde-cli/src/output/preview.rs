@@ -2,8 +2,8 @@
 
 use crate::output::canvas::{Canvas, Colour, text_width};
 use crate::output::files::ResultFiles;
-use crate::scene::size::resized;
 use colorous::{Gradient, MAGMA, VIRIDIS};
+use mde_prior::resample::shrink;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
@@ -22,25 +22,19 @@ const NARROWEST: usize = 240;
 const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
 
-/// Colours of a gradient at even steps: its curve takes longer than all else of a picture.
-struct Palette([Colour; STEPS]);
+/// Colours of a gradient at even steps, more than a channel has: its curve takes longer than all else of a picture.
+type Palette = [Colour; 1024];
 
-/// More than a channel has.
-const STEPS: usize = 1024;
+static DEPTHS: LazyLock<Palette> = LazyLock::new(|| palette(VIRIDIS));
+static SIGMAS: LazyLock<Palette> = LazyLock::new(|| palette(MAGMA));
 
-static DEPTHS: LazyLock<Palette> = LazyLock::new(|| Palette::new(VIRIDIS));
-static SIGMAS: LazyLock<Palette> = LazyLock::new(|| Palette::new(MAGMA));
+fn palette(gradient: Gradient) -> Palette {
+    std::array::from_fn(|step| gradient.eval_continuous(step as f64 / 1023.0).as_array())
+}
 
-impl Palette {
-    fn new(gradient: Gradient) -> Self {
-        let at = |step| gradient.eval_continuous(step as f64 / (STEPS - 1) as f64).as_array();
-        Self(std::array::from_fn(at))
-    }
-
-    /// The colour at a share in 0 to 1.
-    fn at(&self, share: f64) -> Colour {
-        self.0[((share * (STEPS - 1) as f64 + 0.5) as usize).min(STEPS - 1)]
-    }
+/// The colour at a share in 0 to 1.
+fn colour(palette: &Palette, share: f64) -> Colour {
+    palette[((1023.0 * share + 0.5) as usize).min(1023)]
 }
 
 /// Image, prior, refined and sigma side by side; with several photographs these are above, and the truth, where it is known, takes the
@@ -75,7 +69,7 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
         Some(truth) => maps.push(depth("truth", truth)),
         None => {
             canvas.text("image", [MARGIN, title], text, INK);
-            canvas.image([MARGIN, top], &resized(show.image, width, height));
+            canvas.image([MARGIN, top], &shrink(show.image, (height, width)));
         }
     }
     maps.push((format!("sigma [{unit}]"), show.sigma, &*SIGMAS, sigmas));
@@ -88,7 +82,7 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
         });
         colour_bar(&mut canvas, [left, top + height + MARGIN], width, palette, *range, text);
     }
-    canvas.into_pixels()
+    canvas.pixels
 }
 
 /// Height of the text beside panels of that width.
@@ -115,7 +109,7 @@ pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<
     let height = ((inner as f64 / all) as usize).clamp(1, THUMBNAIL);
     let small = |photograph: &ArrayView3<'_, f32>| {
         let (rows, columns, _) = photograph.dim();
-        resized(*photograph, (columns * height / rows.max(1)).max(1), height)
+        shrink(*photograph, (height, (columns * height / rows.max(1)).max(1)))
     };
     photographs.iter().map(small).collect()
 }
@@ -138,7 +132,7 @@ pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Arra
 fn picture(map: ArrayView2<'_, f32>, palette: &Palette, range: [f64; 2]) -> Array3<u8> {
     let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
     canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], palette, range));
-    canvas.into_pixels()
+    canvas.pixels
 }
 
 /// All views on one sheet, masked pixels in red.
@@ -153,9 +147,9 @@ pub fn contact_sheet(views: &[PosedView]) -> Array3<u8> {
         let [left, top] = [MARGIN + index % COLUMNS * cell[0], MARGIN + index / COLUMNS * cell[1]];
         let title = if index == 0 { "original".to_owned() } else { format!("view {index:02}") };
         canvas.text(&title, [left, top], text, INK);
-        canvas.image([left, top + text + MARGIN / 2], &resized(masked(view).view(), THUMBNAIL, height));
+        canvas.image([left, top + text + MARGIN / 2], &shrink(masked(view).view(), (height, THUMBNAIL)));
     }
-    canvas.into_pixels()
+    canvas.pixels
 }
 
 fn masked(view: &PosedView) -> Array3<f32> {
@@ -178,7 +172,7 @@ fn colour_bar(
     text: usize,
 ) {
     let steps = width.max(2) - 1;
-    canvas.paint([left, top], [width, BAR], |x, _| palette.at(x as f64 / steps as f64));
+    canvas.paint([left, top], [width, BAR], |x, _| colour(palette, x as f64 / steps as f64));
     for (share, value) in [(0.0, low), (0.5, 0.5 * (low + high)), (1.0, high)] {
         let label = number(value, high - low);
         let start = share * (width as f64 - text_width(&label, text) as f64).max(0.0);
@@ -197,7 +191,7 @@ fn shade(value: f32, palette: &Palette, [low, high]: [f64; 2]) -> Colour {
         return MISSING;
     }
     let share = if high > low { (f64::from(value) - low) / (high - low) } else { 0.5 };
-    palette.at(share.clamp(0.0, 1.0))
+    colour(palette, share.clamp(0.0, 1.0))
 }
 
 fn known(value: f32) -> bool {
@@ -213,7 +207,7 @@ pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::refiner::depth_png::DepthPng;
+    use mde_prior::format::DepthPng;
     use mde_uncertainty::GaussianDepth;
     use mde_warp::PinholeCamera;
     use ndarray::Array2;

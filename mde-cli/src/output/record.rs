@@ -1,12 +1,6 @@
 //! `run.json`: the record of a run.
 
-use crate::prior::origin::PriorOrigin;
-use crate::refiner::error_bar::Stated;
-use crate::refiner::finish::{Refined, Scaled};
-use crate::reports::capture::CaptureReport;
-use crate::reports::iteration::IterationReport;
-use crate::reports::prediction::AugmentationReport;
-use crate::scene::SameScale;
+use crate::refiner::Refined;
 use crate::scene::camera::KnownCamera;
 use mde_nerf::FieldEvent;
 use serde::Serialize;
@@ -35,69 +29,31 @@ pub fn follow(curves: &mut Vec<TrainingCurve>, iteration: usize, event: &FieldEv
 }
 
 /// Record of `mde demo`, `mde refine` and the Python package; `S` are scores by a ground truth.
-#[derive(Debug, Serialize)]
-pub struct RunRecord<'r, S: Serialize> {
+#[derive(Serialize)]
+pub struct RunRecord<'r, 's, S: Serialize> {
     /// The common part.
     #[serde(flatten)]
     pub about: About<'r>,
-    /// Where the prior comes from.
-    pub prior: &'r PriorOrigin,
-    /// The depth files' unit.
-    pub unit: &'static str,
-    /// depth.png = depth times this.
-    pub png_scale: f64,
-    /// Pixels too far for depth.png, missing there.
-    pub png_missing_pixels: usize,
+    /// The result without its maps.
+    #[serde(flatten)]
+    pub result: &'r Refined<'s>,
     /// Pixels without a refined depth.
     pub missing_pixels: usize,
-    /// The prior's stage.
-    pub augmentation: &'r AugmentationReport,
-    /// How sigma was scaled, and the interval.
-    pub error_bar: &'r Stated,
-    /// Several photographs.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub capture: Option<&'r CaptureReport>,
-    /// Scale by known depths.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub scale: Option<&'r Scaled>,
-    /// One scale for many photographs.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub same_scale: Option<&'r SameScale>,
-    /// The iterations of the loop.
-    pub iterations: &'r [IterationReport],
     /// Curves of the fit of every iteration.
     pub training: &'r [TrainingCurve],
     /// Scores by a ground truth.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scores: Option<&'r S>,
-    /// Of the prior's predictions.
-    pub prior_seconds: f64,
     /// Of the scores.
     pub score_seconds: f64,
 }
 
-impl<'r, S: Serialize> RunRecord<'r, S> {
+impl<'r, 's, S: Serialize> RunRecord<'r, 's, S> {
     /// Of a result without scores.
-    pub fn new(about: About<'r>, result: &'r Refined<'_>, training: &'r [TrainingCurve]) -> Self {
-        let refinement = &result.refinement;
-        Self {
-            about,
-            prior: &result.origin,
-            unit: result.unit,
-            png_scale: result.png.scale,
-            png_missing_pixels: result.png.beyond,
-            missing_pixels: refinement.depth.variance().iter().filter(|v| v.is_infinite()).count(),
-            augmentation: &refinement.augmentation,
-            error_bar: &result.stated,
-            capture: refinement.capture.as_ref(),
-            scale: result.scaled.as_ref(),
-            same_scale: result.same_scale.as_ref(),
-            iterations: &refinement.iterations,
-            training,
-            scores: None,
-            prior_seconds: result.prior_seconds,
-            score_seconds: 0.0,
-        }
+    pub fn new(about: About<'r>, result: &'r Refined<'s>, training: &'r [TrainingCurve]) -> Self {
+        let variance = result.refinement.depth.variance();
+        let missing_pixels = variance.iter().filter(|v| v.is_infinite()).count();
+        Self { about, result, missing_pixels, training, scores: None, score_seconds: 0.0 }
     }
 }
 

@@ -58,23 +58,45 @@ impl OpenPrior<'_> {
         runtime: &mde_prior::Runtime,
     ) -> Result<Self> {
         use mde_prior::{ModelSpec, OnnxPrior, RecognisedBy};
-        let (spec, by) = match profile {
-            Some(file) if file.ends_with(".toml") => (read_spec(Path::new(file))?, None),
-            Some(name) => (ModelSpec::profile(name)?, None),
+        let mut tells = false;
+        let spec = match profile {
+            Some(file) if file.ends_with(".toml") => {
+                let text = open::read_text(file, FileKind::Settings).map_err(Error::read(file.as_ref()))?;
+                ModelSpec::from_toml(&text).map_err(|error| Error::Argument(format!("{file}: {error}")))?
+            }
+            Some(name) => ModelSpec::profile(name)?,
             // A missing file gets its own error when it is opened.
-            None if path.exists() => recognised(path)?,
-            None => (ModelSpec::new(1, 1, DepthKind::Metric), None),
+            None if !path.exists() => ModelSpec::new(1, 1, DepthKind::Metric),
+            None => match OnnxPrior::recognise(path) {
+                Err(mde_prior::Error::UnknownProfile { .. }) => {
+                    return Err(Error::Argument(format!(
+                        "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}, or a .toml file), \
+                         or a file {} beside it",
+                        path.display(),
+                        mde_prior::spec::PROFILES.join(", "),
+                        path.with_extension("toml").display()
+                    )));
+                }
+                recognised => {
+                    let (spec, by) = recognised?;
+                    tells = matches!(by, RecognisedBy::Hub | RecognisedBy::Graph);
+                    spec
+                }
+            },
         };
-        let tells = matches!(by, Some(RecognisedBy::Hub | RecognisedBy::Graph));
         let told = tells.then_some(spec.output);
         let spec = match kind {
             Some(kind) => spec.with_output(kind),
             None => spec,
         };
         let prior = OnnxPrior::open_with(path, &spec, runtime)?;
+        let mut hasher = crc32fast::Hasher::new();
+        for path in prior.files() {
+            hasher.update(&open::read(path, FileKind::Weights).map_err(Error::read(path))?);
+        }
         let origin = PriorOrigin {
             kind_is_told: told == Some(spec.output),
-            model_hash: Some(crate::prior::hash_files(prior.files())?),
+            model_hash: Some(format!("{:08x}", hasher.finalize())),
             model: Some(spec),
             runtime: Some(prior.runtime().to_string()),
             ..PriorOrigin::new(PriorForm::Network, prior.kind(), path.display().to_string())
@@ -113,25 +135,4 @@ fn has_eight_bits(path: &Path, grey: bool) -> bool {
     let mut header = [0; 26];
     let read = open::open(path, FileKind::DepthMap).and_then(|mut file| file.read_exact(&mut header));
     read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8 && (!grey || header[25] == 0)
-}
-
-#[cfg(feature = "onnx")]
-fn recognised(path: &Path) -> Result<(mde_prior::ModelSpec, Option<mde_prior::RecognisedBy>)> {
-    match mde_prior::OnnxPrior::recognise(path) {
-        Err(mde_prior::Error::UnknownProfile { .. }) => Err(Error::Argument(format!(
-            "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}, or a .toml file), or a \
-             file {} beside it",
-            path.display(),
-            mde_prior::spec::PROFILES.join(", "),
-            path.with_extension("toml").display()
-        ))),
-        recognised => Ok(recognised.map(|(spec, by)| (spec, Some(by)))?),
-    }
-}
-
-#[cfg(feature = "onnx")]
-fn read_spec(path: &Path) -> Result<mde_prior::ModelSpec> {
-    let text = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
-    mde_prior::ModelSpec::from_toml(&text)
-        .map_err(|error| Error::Argument(format!("{}: {error}", path.display())))
 }

@@ -1,10 +1,7 @@
 //! The monocular depth that a refinement begins with.
 
-mod bound;
 pub mod files;
 pub mod origin;
-
-pub(crate) use bound::PhotographPrior;
 
 use crate::error::{Error, Result};
 use crate::prior::origin::{PriorForm, PriorOrigin};
@@ -85,7 +82,7 @@ pub fn hash(bytes: &[u8]) -> String {
     format!("{:08x}", crc32fast::hash(bytes))
 }
 
-/// [`hash`] of several files, as if they were one.
+/// Identifies the bytes of files, in their order.
 ///
 /// # Errors
 /// [`Error::Prior`] where one cannot be read.

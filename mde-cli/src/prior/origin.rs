@@ -52,12 +52,6 @@ impl PriorOrigin {
         Self { form, kind, kind_is_told: false, source, model: None, runtime: None, model_hash: None }
     }
 
-    /// Whether it is a network in a file of which nothing but the user or its name tells depth from disparity: one to try where the depth is
-    /// known.
-    pub fn is_doubtful(&self) -> bool {
-        self.form == PriorForm::Network && !self.kind_is_told
-    }
-
     /// The message about a network whose order of near and far is exchanged, with that mean correlation with known depth.
     pub fn swapped(&self, correlation: f64) -> String {
         let remedy = match self.kind {
@@ -69,11 +63,6 @@ impl PriorOrigin {
              or the reverse; give {{prior-kind}} {remedy}, or check the profile",
             self.source
         )
-    }
-
-    /// Whether it is a network that estimates the camera too.
-    pub fn has_camera(&self) -> bool {
-        self.model.as_ref().is_some_and(|spec| spec.camera_output.is_some() || spec.recover_shift)
     }
 
     /// The origin of predictions for cameras of that focal length / width, where it is known: a network whose metres depend on it has some

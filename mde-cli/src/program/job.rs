@@ -136,8 +136,9 @@ impl Job<'_> {
                 write_image(place.join(&photograph.name), photograph.image.view())?;
             }
         }
-        if let Some(field) = refined.field.as_ref().filter(|_| settings.keep_field) {
-            mde_prior::write_atomic(&path.join("field.safetensors"), &field.lock().to_bytes()?)?;
+        let field = refined.refinement.field.as_ref().filter(|_| settings.keep_field);
+        if let Some(bytes) = field.and_then(|field| field.to_file()) {
+            mde_prior::write_atomic(&path.join("field.safetensors"), &bytes)?;
         }
         let mut formats = self.export.iter().filter(|format| !format.is_of_capture());
         Ok(formats.try_for_each(|format| files.export(*format, path))?)

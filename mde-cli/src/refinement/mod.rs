@@ -13,13 +13,12 @@
 pub mod event;
 pub mod predict;
 pub mod scale;
-pub mod shared;
 pub mod stages;
 mod upsample;
 pub mod views;
 
 use crate::config::{Config, IterationPrior};
-use crate::error::{Error, LEAST, MOST, Result};
+use crate::error::{Error, Result};
 use crate::refinement::event::{Callback, Event, Stage};
 use crate::refinement::predict::{Start, predict};
 use crate::refinement::stages::Stages;
@@ -41,7 +40,7 @@ use views::median_depth;
 /// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
 ///
 /// # Errors
-/// The error of a stage, [`Error::EmptyPrior`], [`Error::Range`], [`Error::Size`], or [`Error::Interrupted`] where the
+/// The error of a stage, [`Error::EmptyPrior`], [`Error::Size`], [`Error::Argument`] for a prior out of range, or [`Error::Interrupted`] where the
 /// callback returned `Break`.
 pub fn refine(
     image: ArrayView3<'_, f32>,
@@ -173,6 +172,10 @@ fn shared_error(depth: &GaussianDepth, share: f64) -> Component {
     Component { name: "common", sigma }
 }
 
+/// Depths that the loop works with: their variances, and a thousandth of those, are floats.
+const LEAST: f32 = 1e-12;
+const MOST: f32 = 1e12;
+
 pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
     let [height, width] = [image.shape()[0], image.shape()[1]];
     if prior.dim() != (height, width) {
@@ -183,7 +186,9 @@ pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>
     match (nearest, farthest) {
         (_, 0.0) => Err(Error::EmptyPrior),
         (LEAST.., ..=MOST) => Ok(()),
-        _ => Err(Error::Range { nearest, farthest }),
+        _ => Err(Error::Argument(format!(
+            "the prior's depths reach from {nearest:e} to {farthest:e}; give depths of {LEAST:e} to {MOST:e} (check the prior's scale)"
+        ))),
     }
 }
 

@@ -1,20 +1,14 @@
-//! Scale from known depths: Eq. 10-13 with the known depths in the place of the prior.
+//! Scale from known depths: Eq. 10-13 with the known depths in the place of the prior, by a [`RobustLine`].
 //!
 //! With \\(u\\) the refined depth at the known pixels and \\(v\\) the known depths, \\(v \approx a u + b\\). For a map from disparities of
-//! unknown scale and shift both are disparities, \\(u = 1/D\\): there the affine map is exact, \\(1/z = a d + b\\). Weights are
-//! \\(1/(a^2 \sigma_u^2 + \sigma_v^2)\\) times Huber's weights, which are below 1 for what does not fit. A shift below twice its own standard deviation
-//! is left out for depths. The covariance of \\(a\\) and \\(b\\) becomes a part of sigma,
-//!
-//! \\[ \mathrm{Var}(a u + b) = s^2\\Bigl(\frac{1}{\sum p} + \frac{(u - \bar u)^2}{\sum p (u - \bar u)^2}\\Bigr), \\]
-//!
-//! with \\(p\\) the weights without Huber's and \\(s^2\\) the variance of the clipped residuals over the squared share of those that are
-//! not clipped (Huber, 1981). It takes the errors of the points as independent.
+//! unknown scale and shift both are disparities, \\(u = 1/D\\): there the affine map is exact, \\(1/z = a d + b\\). A shift below twice its
+//! own standard deviation is left out for depths. The variance of \\(a u + b\\) becomes a part of sigma.
 
 use crate::error::{Error, Result};
 use crate::reports::Refinement;
 use crate::reports::prediction::Component;
 use crate::scene::known::KnownDepth;
-use mde_fusion::{Affine, Sample, affine_wls};
+use mde_fusion::{Affine, LinePoint, RobustLine};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use ndarray::{ArrayView2, Zip};
@@ -39,39 +33,9 @@ pub struct ScaleReport {
     pub sigma: Option<f64>,
 }
 
-/// Huber's cut in standard deviations: 95 % efficient for normal errors.
-const CUT: f64 = 1.345;
-/// Rounds of reweighting.
-const ROUNDS: usize = 20;
-/// Weight of a point that does not fit at all.
-const LEAST_WEIGHT: f64 = 1e-6;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const NORMAL: f64 = 1.4826;
-
 /// Components of sigma: the errors of the map to known depths, and of the factor to a scale in common.
 const SCALE: &str = "scale";
 const SAME_SCALE: &str = "same-scale";
-
-/// A line with its covariance.
-struct Line {
-    affine: Affine,
-    /// \\(\sum p\\), \\(\bar u\\) and \\(\sum p (u - \bar u)^2\\) with weights in inverse variances.
-    precision: f64,
-    mean: f64,
-    spread: f64,
-    has_shift: bool,
-    outliers: usize,
-}
-
-impl Line {
-    fn variance(&self, u: f64) -> f64 {
-        match self.has_shift {
-            true => 1.0 / self.precision + (u - self.mean).powi(2) / self.spread,
-            // A line through the origin: sum p u^2 = spread + precision mean^2.
-            false => u * u / (self.spread + self.precision * self.mean * self.mean),
-        }
-    }
-}
 
 impl Refinement {
     /// The refinement in the unit of known depths: depth, prior, sigma and its components, with the error of the map as a component
@@ -81,64 +45,56 @@ impl Refinement {
     /// [`Error::Argument`] for a known depth that is not positive and finite, too few of them at a pixel with a depth (1, and 2 for
     /// disparities), or a map that turns near into far.
     pub fn scaled_to(self, known: &[KnownDepth], of_disparity: bool) -> Result<(Self, ScaleReport)> {
-        let (height, width) = self.depth.dim();
-        let mut pairs = Vec::new();
-        for point in known {
-            point.check()?;
-            let (x, y) = (point.x.round(), point.y.round());
-            if x < 0.0 || y < 0.0 || x >= width as f64 || y >= height as f64 {
-                continue;
-            }
-            let at = (y as usize, x as usize);
-            let (z, variance) = (f64::from(self.depth.mean()[at]), f64::from(self.depth.variance()[at]));
-            if z > 0.0 && variance.is_finite() {
-                pairs.push((z, variance, point.depth, point.sigma * point.sigma));
-            }
-        }
-        let least = if of_disparity { 2 } else { 1 };
-        if pairs.len() < least {
-            return Err(Error::Argument(format!(
-                "{} of {} known depths lie at a pixel with a depth; give {least} or more (columns: x, y, depth, from the upper left)",
-                pairs.len(),
-                known.len()
-            )));
-        }
         // A depth or its disparity, and what divides the variance of the one to give that of the other.
         let unit = |z: f64| if of_disparity { 1.0 / z } else { z };
         let divisor = |z: f64| if of_disparity { z.powi(4) } else { 1.0 };
-        let samples: Vec<_> = pairs
-            .iter()
-            .map(|&(z, of_z, v, of_v)| (unit(z), of_z / divisor(z), unit(v), of_v / divisor(v)))
-            .collect();
-        let line = fit(&samples, of_disparity).ok_or_else(|| {
+        let mut points = Vec::new();
+        for point in known {
+            point.check()?;
+            let (x, y) = (point.x.round(), point.y.round());
+            let found = self.depth.get(y as usize, x as usize).filter(|(z, _)| *z > 0.0);
+            if x >= 0.0
+                && y >= 0.0
+                && let Some((z, variance)) = found
+            {
+                let (z, v) = (f64::from(z), point.depth);
+                let of_u = f64::from(variance) / divisor(z);
+                points.push(LinePoint {
+                    u: unit(z),
+                    u_variance: of_u,
+                    v: unit(v),
+                    v_variance: point.sigma.powi(2) / divisor(v),
+                });
+            }
+        }
+        let least = if of_disparity { 2 } else { 1 };
+        if points.len() < least {
+            return Err(Error::Argument(format!(
+                "{} of {} known depths lie at a pixel with a depth; give {least} or more (columns: x, y, depth, from the upper left)",
+                points.len(),
+                known.len()
+            )));
+        }
+        let line = RobustLine::fit(&points, of_disparity).ok_or_else(|| {
             Error::Argument("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
         })?;
-        let mapped = |z: f64| -> Option<(f64, f64, f64)> {
-            let u = unit(z);
-            let v = line.affine.a * u + line.affine.b;
-            // Depth, its derivative, and the map's variance.
-            let (depth, variance) = (unit(v), line.variance(u) / divisor(v));
-            let slope = if of_disparity { line.affine.a * (u / v).powi(2) } else { line.affine.a };
-            let usable = v > 0.0 && depth.is_finite() && (depth as f32) > 0.0;
-            usable.then_some((depth, slope, variance))
-        };
-        let errors =
-            pairs.iter().filter_map(|&(z, _, v, _)| mapped(z).map(|(new, ..)| (new / v - 1.0).abs()));
-        let median_error = median(errors);
-        let (refined, sigma) = self.mapped(SCALE, mapped)?;
         let Affine { a, b } = line.affine;
+        // Depth, its derivative, and the map's variance.
+        let of_value = |u: f64| {
+            let v = a * u + b;
+            let depth = unit(v);
+            let slope = if of_disparity { a * (u / v).powi(2) } else { a };
+            let usable = v > 0.0 && depth.is_finite() && (depth as f32) > 0.0;
+            usable.then(|| (depth, slope, line.variance(u) / divisor(v)))
+        };
+        let error =
+            |point: &LinePoint| of_value(point.u).map(|(depth, ..)| (depth / unit(point.v) - 1.0).abs());
+        let median_error = median(points.iter().filter_map(error));
+        let (refined, sigma) = self.mapped(Some(SCALE), |z| of_value(unit(z)))?;
         let factor = if of_disparity { a.recip() } else { a };
         let refined = refined.with_poses((b == 0.0).then_some(factor));
-        let report = ScaleReport {
-            of_disparity,
-            a,
-            b,
-            points: pairs.len(),
-            outliers: line.outliers,
-            median_error,
-            sigma,
-        };
-        Ok((refined, report))
+        let (points, outliers) = (points.len(), line.outliers);
+        Ok((refined, ScaleReport { of_disparity, a, b, points, outliers, median_error, sigma }))
     }
 
     /// The refinement times a factor whose logarithm has the standard deviation `log_sigma`: depth, prior, sigma and its components.
@@ -158,7 +114,7 @@ impl Refinement {
             let usable = depth.is_finite() && (depth as f32) > 0.0;
             usable.then_some((depth, factor, (log_sigma * depth).powi(2)))
         };
-        Ok(self.mapped(SAME_SCALE, mapped)?.0.with_poses(Some(factor)))
+        Ok(self.mapped(Some(SAME_SCALE), mapped)?.0.with_poses(Some(factor)))
     }
 
     /// The photographs' poses in the unit of the depth, which was multiplied by `factor`. None where it was bent: no poses fit it then.
@@ -173,10 +129,10 @@ impl Refinement {
     }
 
     /// Each depth by a map that gives the new one, the map's derivative, and its variance, which becomes a part of sigma and of the
-    /// component of that name; and that part's median, as a fraction of the depth.
-    fn mapped(
+    /// component of that name, where it has one; and that part's median, as a fraction of the depth.
+    pub(crate) fn mapped(
         self,
-        name: &'static str,
+        name: Option<&'static str>,
         mapped: impl Fn(f64) -> Option<(f64, f64, f64)>,
     ) -> Result<(Self, Option<f64>)> {
         let at = |z: f32| (z > 0.0).then(|| mapped(f64::from(z))).flatten();
@@ -203,78 +159,14 @@ impl Refinement {
             .collect();
         let sigma =
             median(scale.iter().zip(&depth).filter(|(_, z)| **z > 0.0).map(|(s, z)| f64::from(s / z)));
-        match components.iter_mut().find(|part| part.name == name) {
-            Some(part) => part.sigma.zip_mut_with(&scale, |all, own| *all = all.hypot(*own)),
-            None => components.push(Component { name, sigma: scale }),
+        if let Some(part) = components.iter_mut().find(|part| Some(part.name) == name) {
+            part.sigma.zip_mut_with(&scale, |all, own| *all = all.hypot(*own));
+        } else if let Some(name) = name {
+            components.push(Component { name, sigma: scale });
         }
         let depth = GaussianDepth::new(depth, variance)?;
         Ok((Self { depth, components, prior: self.prior.mapv(new), ..self }, sigma))
     }
-}
-
-/// The robust line through `(u, its variance, v, its variance)`; `None` where it is not determined or falls.
-fn fit(samples: &[(f64, f64, f64, f64)], needs_shift: bool) -> Option<Line> {
-    if needs_shift {
-        return robust(samples, true);
-    }
-    let with_shift = (samples.len() > 2).then(|| robust(samples, true)).flatten();
-    // A shift within its own error: the scale alone is the better fit.
-    let matters = |line: &Line| line.affine.b.abs() >= 2.0 * line.variance(0.0).sqrt();
-    with_shift.filter(matters).or_else(|| robust(samples, false))
-}
-
-/// Least squares, reweighted by Huber's weights.
-fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
-    let free = if has_shift { 2 } else { 1 };
-    let mut slope = median(samples.iter().map(|s| s.2 / s.0)).filter(|r| r.is_finite() && *r > 0.0)?;
-    let mut weights = vec![1.0; samples.len()];
-    let mut line = None;
-    for _ in 0..ROUNDS {
-        // Exact values on both sides weigh the same.
-        let own = |s: &(f64, f64, f64, f64)| (slope * slope * s.1 + s.3).max((1e-6 * s.2).powi(2));
-        let weighted: Vec<Sample> = samples
-            .iter()
-            .zip(&weights)
-            .map(|(s, weight)| Sample { u: s.0, variance: own(s) / weight, v: s.2 })
-            .collect();
-        let affine = match has_shift {
-            true => affine_wls(&weighted)?.affine,
-            false => {
-                let sum = |term: fn(&Sample) -> f64| weighted.iter().map(term).sum::<f64>();
-                let (uv, uu) = (sum(|s| s.u * s.v / s.variance), sum(|s| s.u * s.u / s.variance));
-                Affine { a: uv / uu, b: 0.0 }
-            }
-        };
-        if !(affine.a > 0.0 && affine.a.is_finite()) {
-            return None;
-        }
-        let z = |s: &(f64, f64, f64, f64)| (affine.a * s.0 + affine.b - s.2).abs() / own(s).sqrt();
-        // As many points as unknowns leave no residual: their own variances stand.
-        let count = samples.len() as f64;
-        let scale = match samples.len() > free {
-            true => NORMAL * median(samples.iter().map(z))? * (count / (count - free as f64)).sqrt(),
-            false => 1.0,
-        };
-        // Where residual and scale are 0 the point fits.
-        let cut = (CUT * scale).max(f64::MIN_POSITIVE);
-        weights =
-            samples.iter().map(|s| (cut / z(s).max(f64::MIN_POSITIVE)).clamp(LEAST_WEIGHT, 1.0)).collect();
-        // Huber's covariance: the clipped residuals' variance over the squared share that is not clipped.
-        let clipped: f64 = samples.iter().map(|s| z(s).min(cut).powi(2)).sum();
-        let within = samples.iter().filter(|s| z(s) <= cut).count() as f64 / count;
-        let factor = match samples.len() > free {
-            true => (clipped / (count - free as f64) / (within * within)).max(1e-24),
-            false => 1.0,
-        };
-        let precision = |s: &(f64, f64, f64, f64)| 1.0 / (own(s) * factor);
-        let total: f64 = samples.iter().map(precision).sum();
-        let mean = samples.iter().map(|s| precision(s) * s.0).sum::<f64>() / total;
-        let spread = samples.iter().map(|s| precision(s) * (s.0 - mean).powi(2)).sum();
-        let outliers = weights.iter().filter(|w| **w < 0.5).count();
-        line = Some(Line { affine, precision: total, mean, spread, has_shift, outliers });
-        slope = affine.a;
-    }
-    line
 }
 
 #[cfg(test)]

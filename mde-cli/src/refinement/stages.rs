@@ -33,16 +33,6 @@ impl FieldRequest<'_> {
 pub type FieldFactory<'f> = dyn FnMut(FieldRequest<'_>) -> Result<Box<dyn RadianceField>> + 'f;
 
 /// The stages of a run: a prior, and the field and the fusion that the [`Config`] describes unless others are given.
-///
-/// ```
-/// use mde_cli::{Config, Stages};
-/// use mde_cli::mde_fusion::BayesFuser;
-/// # use mde_cli::mde_prior::DepthPrior;
-///
-/// # fn stages<'s>(prior: &'s dyn DepthPrior, fuser: &'s BayesFuser) -> Stages<'s> {
-/// Stages::new(prior).with_field(|request| Ok(Box::new(request.nerf()?))).with_fuser(fuser)
-/// # }
-/// ```
 pub struct Stages<'s> {
     pub(crate) prior: &'s dyn DepthPrior,
     field: Option<Box<FieldFactory<'s>>>,

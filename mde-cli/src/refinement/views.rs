@@ -7,7 +7,7 @@ use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
-use mde_warp::{PinholeCamera, Pose, PosedView, forward_warp, reproject, sample_poses};
+use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, forward_warp, reproject, sample_poses};
 use ndarray::{Array2, ArrayView3};
 use std::ops::ControlFlow;
 
@@ -57,7 +57,7 @@ pub(super) fn render(
     if config.novel.count == 0 {
         poses.insert(0, Pose::identity());
     }
-    let rules = config.reprojection();
+    let rules = ReprojectConfig { tear: config.warp.tear, ..ReprojectConfig::default() };
     let mut seen = Vec::with_capacity(poses.len());
     for (view, pose) in poses.iter().enumerate() {
         let mut listen = |event: &mde_nerf::FieldEvent| callback(event, view, poses.len());

@@ -25,13 +25,9 @@ impl Refiner<'_> {
         let source = path.display().to_string();
         let fault =
             |error: mde_mvs::capture::Error| Error::Argument(format!("{{views}} {source}: {}", text(&error)));
-        let first = match image {
-            Some(image) => Some(image.to_owned()),
-            None => files.first_photograph().map_err(fault)?,
-        };
         let mut lens = None;
-        if files.needs_lens() {
-            let shown = first.as_deref().unwrap_or(path);
+        if let Some(first) = files.first_photograph().map_err(fault)? {
+            let shown = image.unwrap_or(&first);
             let size = image_size(shown).ok_or_else(|| {
                 Error::Argument(format!("{}: no readable image; check the path", shown.display()))
             })?;
@@ -48,11 +44,8 @@ impl Refiner<'_> {
             }
             None => (0, (0..count).collect()),
         };
-        let size = capture.frames.get(reference).and_then(|frame| image_size(&frame.photograph));
-        let nearest = order.len();
-        // What has no header is refused when it is decoded.
-        let [width, height] = size.unwrap_or([1, 1]);
-        let plan = self.plan(&format!("{{views}}: {nearest} photographs"), (height, width), nearest)?;
+        let (nearest, size) = (order.len(), capture.frames[reference].lens.camera.dim());
+        let plan = self.plan(&format!("{{views}}: {nearest} photographs"), size, nearest)?;
         let (mut photographs, mut first) = (Vec::new(), None);
         let lost = |path: &PathBuf| {
             (path.display().to_string(), format!("{}: no readable photograph", path.display()))
@@ -78,58 +71,54 @@ impl Refiner<'_> {
             first = first.or(Some(index));
             photographs.push(photograph.resized(&self.settings.sizes, true, &mut |text| seen.warn(text))?);
         }
-        shorten(&mut photographs);
-        let kept = different(&photographs, &unreadable, seen)?;
-        let photographs = only(photographs, &kept);
+        let (scene, _) = scene_of(photographs, unreadable, seen)?;
         if nearest < count {
             seen.warn(format!("{{views}}: the {nearest} nearest of {count} photographs are considered"));
         }
         let shown =
             capture.points.iter().filter(|point| first.is_some_and(|first| point.frames.contains(&first)));
         let points = shown.map(|point| point.position).collect();
-        Ok((Scene { points, unreadable, ..Scene::several(photographs, 0)? }, plan))
+        Ok((Scene { points, ..scene }, plan))
     }
 }
 
-/// Which photographs are different pictures; warns of the others, and of those that could not be read.
+/// The scene of the photographs that are different pictures, with file names instead of paths where they are unique, and which these are.
+/// Warns of the others, and of those that could not be read.
 ///
 /// # Errors
-/// The fault of a photograph where fewer than two could be read.
-pub fn different(
-    photographs: &[Photograph],
-    unreadable: &[(String, String)],
+/// The fault of a photograph where fewer than two could be read, and those of [`Scene::several`].
+pub fn scene_of(
+    mut photographs: Vec<Photograph>,
+    unreadable: Vec<(String, String)>,
     seen: &mut dyn Observer,
-) -> Result<Vec<bool>> {
-    if let ([] | [_], [(_, error), ..]) = (photographs, unreadable) {
-        return Err(Error::Argument(error.clone()));
-    }
-    unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
-    let mut kept = vec![true; photographs.len()];
-    for (index, photograph) in photographs.iter().enumerate() {
-        if let Some(other) = photographs[..index].iter().find(|other| other.image == photograph.image) {
-            seen.warn(format!("{}: the same picture as {}; counted once", photograph.name, other.name));
-            kept[index] = false;
-        }
-    }
-    // Copies of one picture are refused later, for want of parallax.
-    let alone = kept.iter().filter(|kept| **kept).count() < 2;
-    Ok(if alone { vec![true; photographs.len()] } else { kept })
-}
-
-/// The items that are kept.
-pub fn only<T>(items: Vec<T>, kept: &[bool]) -> Vec<T> {
-    items.into_iter().zip(kept).filter(|(_, kept)| **kept).map(|(item, _)| item).collect()
-}
-
-/// File names instead of paths where they are unique.
-pub fn shorten(photographs: &mut [Photograph]) {
-    let short = |name: &str| {
-        Path::new(name).file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned())
+) -> Result<(Scene, Vec<bool>)> {
+    let short = |one: &Photograph| {
+        Path::new(&one.name)
+            .file_name()
+            .map_or_else(|| one.name.clone(), |n| n.to_string_lossy().into_owned())
     };
-    let names: Vec<String> = photographs.iter().map(|p| short(&p.name)).collect();
+    let names: Vec<String> = photographs.iter().map(short).collect();
     for (photograph, name) in photographs.iter_mut().zip(&names) {
         if names.iter().filter(|other| *other == name).count() == 1 {
             photograph.name.clone_from(name);
         }
     }
+    if let ([] | [_], [(_, error), ..]) = (&*photographs, &*unreadable) {
+        return Err(Error::Argument(error.clone()));
+    }
+    unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
+    let same = |index: usize| {
+        photographs[..index].iter().find(|other| other.image == photographs[index].image).map(|one| &one.name)
+    };
+    let copies: Vec<_> = (0..photographs.len()).map(same).collect();
+    for (photograph, other) in photographs.iter().zip(&copies) {
+        if let Some(other) = other {
+            seen.warn(format!("{}: the same picture as {other}; counted once", photograph.name));
+        }
+    }
+    // Copies of one picture are refused later, for want of parallax.
+    let alone = copies.iter().filter(|other| other.is_none()).count() < 2;
+    let kept: Vec<bool> = copies.iter().map(|other| alone || other.is_none()).collect();
+    let photographs = photographs.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(one, _)| one);
+    Ok((Scene { unreadable, ..Scene::several(photographs.collect(), 0)? }, kept))
 }

@@ -6,7 +6,7 @@ use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::refiner::calibration::{fingerprint, read, shipped};
 use crate::reports::Refinement;
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
+use mde_uncertainty::calibration::{Calibration, Mismatch};
 use mde_uncertainty::pooled::normal_half_width;
 use ndarray::{Array2, Zip};
 use serde::Serialize;
@@ -98,23 +98,25 @@ impl ErrorBar {
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
-            let method = &calibration.source().method;
+            let source = calibration.source();
             let other = match calibration.mismatch(&run) {
+                None if prior.form == PriorForm::Map => Some(format!(
+                    "a map from a file does not name its network; use the calibration for maps of the network that it was estimated with ({})",
+                    source.prior
+                )),
                 None => None,
-                Some(Mismatch::Settings) => Some("other settings, or another kind of prior"),
-                Some(Mismatch::Model) => Some("another depth model"),
+                Some(mismatch) => {
+                    let other = match mismatch {
+                        Mismatch::Settings => "other settings, or another kind of prior",
+                        Mismatch::Model => "another depth model",
+                    };
+                    Some(format!(
+                        "estimated with {other} ({}); calibrate with the settings and the model of this run",
+                        source.method
+                    ))
+                }
             };
-            if let Some(other) = other {
-                let run = "calibrate with the settings and the model of this run";
-                warnings.push(format!("{{calibration}} {name}: estimated with {other} ({method}); {run}"));
-            }
-            if other.is_none() && prior.form == PriorForm::Map {
-                warnings.push(format!(
-                    "{{calibration}} {name}: a map from a file does not name its network; use the calibration for maps of the network that it \
-                     was estimated with ({})",
-                    calibration.source().prior
-                ));
-            }
+            warnings.extend(other.map(|other| format!("{{calibration}} {name}: {other}")));
             factor = calibration.intervals()?.factor(Calibration::AT)?;
             let squared = (factor * factor) as f32;
             let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
@@ -126,13 +128,23 @@ impl ErrorBar {
             let common = refinement.augmentation.common_error.unwrap_or(config.fusion.common_error);
             refinement.augmentation.common_error = Some(factor * common);
         }
-        let fitting = self.calibration(&run)?;
+        let shipped = shipped()?;
+        let mismatch = shipped.mismatch(&run);
+        // The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.
+        let fitting = match (&self.given, mismatch) {
+            (Some((name, calibration)), _) => Some((name.clone(), calibration)),
+            (None, None) => {
+                let (scenes, source) = (shipped.scenes().len(), shipped.source());
+                Some((format!("{scenes} scenes of {} with {}", source.data, source.prior), &shipped))
+            }
+            (None, Some(_)) => None,
+        };
         let common_by = fitting.as_ref().map(|(by, _)| by.clone());
         let usual = Preset::Default.config().fusion.common_error;
         let states = refinement.components.iter().any(|part| part.name == "common");
         let common_assumed =
             Some(usual).filter(|usual| states && common_by.is_none() && config.fusion.common_error == *usual);
-        let of_scale = |(by, calibration): &(String, Calibration)| {
+        let of_scale = |(by, calibration): &(String, &Calibration)| {
             Some(ScaleError { relative: calibration.scale_error()?, by: by.clone() })
         };
         let scale = fitting.as_ref().filter(|_| !scaled).and_then(of_scale);
@@ -141,7 +153,7 @@ impl ErrorBar {
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
             None => {
-                let of = match shipped()?.mismatch(&run) {
+                let of = match mismatch {
                     Some(Mismatch::Model) => "this depth model",
                     _ => "these settings",
                 };
@@ -152,27 +164,14 @@ impl ErrorBar {
             }
         };
         if self.given.is_none() && !prior.kind.is_depth() && !scaled {
-            let range = "the depth range assumed for disparities has an error that sigma does not include";
-            stated
-                .warnings
-                .push(format!("{{interval}}: {range}; calibrate with {{alignment}} none to include it"));
+            stated.warnings.push(
+                "{interval}: the depth range assumed for disparities has an error that sigma does not include; calibrate with {alignment} none to \
+                 include it"
+                    .to_owned(),
+            );
         }
         stated.interval = Some(Interval { probability, half_width, by });
         Ok(stated)
-    }
-
-    /// The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.
-    fn calibration(&self, run: &Fingerprint) -> Result<Option<(String, Calibration)>> {
-        if let Some(given) = &self.given {
-            return Ok(Some(given.clone()));
-        }
-        let shipped = shipped()?;
-        if shipped.mismatch(run).is_some() {
-            return Ok(None);
-        }
-        let (scenes, source) = (shipped.scenes().len(), shipped.source());
-        let by = format!("{scenes} scenes of {} with {}", source.data, source.prior);
-        Ok(Some((by, shipped)))
     }
 }
 

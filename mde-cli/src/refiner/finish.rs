@@ -4,17 +4,16 @@ use crate::config::Config;
 use crate::error::{Error, Result, text};
 use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
-use crate::refinement::shared::SharedNerf;
-use crate::refiner::Settings;
-use crate::refiner::depth_png::DepthPng;
 use crate::refiner::error_bar::Stated;
 use crate::refiner::plausibility::doubts;
+use crate::refiner::{Prepared, Settings};
 use crate::reports::Refinement;
 use crate::reports::prediction::Component;
-use crate::scene::camera::KnownCamera;
+use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::{byte, thumbnail};
 use crate::scene::{SameScale, Scene};
 use mde_prior::DepthKind;
+use mde_prior::format::DepthPng;
 use mde_uncertainty::statistics::median;
 use ndarray::{Array3, ArrayView3};
 use serde::Serialize;
@@ -39,135 +38,158 @@ pub struct Scaled {
     pub report: ScaleReport,
 }
 
-/// A refinement in its unit and with its error bar.
+/// A refinement in its unit and with its error bar; serialised, it is what the record of a run has of it.
+#[derive(Serialize)]
 pub struct Refined<'s> {
     /// The photographs.
+    #[serde(skip)]
     pub scene: &'s Scene,
     /// Index of the refined one.
+    #[serde(skip)]
     pub photograph: usize,
     /// It at the size of the maps, sRGB in 0 to 1, `[height, width, 3]`.
+    #[serde(skip)]
     pub image: ArrayView3<'s, f32>,
     /// Its camera.
+    #[serde(skip)]
     pub camera: KnownCamera,
-    /// The maps, and what the steps found.
-    pub refinement: Refinement,
+    /// Where the prior comes from.
+    #[serde(rename = "prior")]
+    pub origin: PriorOrigin,
     /// Unit of the maps: `m`, `capture` or `unscaled`.
     pub unit: &'static str,
+    /// Unit and scale of `depth.png`.
+    #[serde(flatten)]
+    pub png: DepthPng,
     /// The error bar.
+    #[serde(rename = "error_bar")]
     pub stated: Stated,
     /// How known depths gave the scale.
+    #[serde(rename = "scale", skip_serializing_if = "Option::is_none")]
     pub scaled: Option<Scaled>,
     /// The factor to the scale in common with other photographs, of the refined map.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub same_scale: Option<SameScale>,
-    /// Unit and scale of `depth.png`.
-    pub png: DepthPng,
-    /// Where the prior comes from.
-    pub origin: PriorOrigin,
-    /// The field of the last iteration, where one was fitted.
-    pub field: Option<SharedNerf>,
+    /// The maps, and what the steps found.
+    #[serde(flatten)]
+    pub refinement: Refinement,
     /// Seconds of the prior's predictions.
     pub prior_seconds: f64,
 }
 
-/// The unit of the results: that of the settings, but of photographs with poses and without a prior that of the poses.
-pub(super) fn result_unit(set: Unit, scene: &Scene, origin: &PriorOrigin) -> Unit {
-    if origin.form == PriorForm::Nothing && scene.is_posed() { Unit::Capture } else { set }
-}
-
-/// Name of the unit of results in the unit of the prior or of the capture.
-pub(super) fn unit_name(unit: Unit, scene: &Scene, origin: &PriorOrigin) -> &'static str {
-    match (&scene.known, unit, origin.kind) {
-        (Some(known), ..) if known.of_model => "capture",
-        (Some(_), ..) => METRES,
-        (None, Unit::Capture, _) => "capture",
-        (None, Unit::Prior, DepthKind::Metric) => METRES,
-        (None, Unit::Prior, _) => "unscaled",
+impl<'s> Prepared<'s> {
+    /// The unit of the results: that of the settings, but of photographs with poses and without a prior that of the poses.
+    fn result_unit(&self) -> Unit {
+        match self.origin().form == PriorForm::Nothing && self.scene.is_posed() {
+            true => Unit::Capture,
+            false => self.refiner.settings.unit,
+        }
     }
-}
 
-/// Turns the refinement of a photograph with its camera into the result. The camera becomes the one that was estimated with the poses. The
-/// warning of [`DepthPng`] is left to the caller.
-pub(super) fn finish<'s>(
-    (settings, origin, scene): (&Settings, &PriorOrigin, &'s Scene),
-    mut refinement: Refinement,
-    photograph: usize,
-    (image, mut camera): (ArrayView3<'s, f32>, KnownCamera),
-    warn: &mut dyn FnMut(String),
-) -> Result<Refined<'s>> {
-    let Settings { config, error_bar, .. } = settings;
-    let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
-    if let Some(report) = &refinement.capture {
-        match &report.fallback {
-            Some(reason) => {
-                warn(format!("{{views}}: {reason}; only the reference photograph was used"));
+    /// Unit of the results: `m`, `capture` or `unscaled`.
+    pub fn unit(&self) -> &'static str {
+        self.name_of(self.result_unit())
+    }
+
+    fn name_of(&self, unit: Unit) -> &'static str {
+        match (&self.scene.known, unit, self.origin().kind) {
+            (Some(known), ..) if known.of_model => "capture",
+            (Some(_), ..) => METRES,
+            (None, Unit::Capture, _) => "capture",
+            (None, Unit::Prior, DepthKind::Metric) => METRES,
+            (None, Unit::Prior, _) => "unscaled",
+        }
+    }
+
+    /// Turns the refinement of a photograph with its camera into the result. The camera becomes the one that was estimated with the poses.
+    pub(super) fn finish(
+        &self,
+        mut refinement: Refinement,
+        photograph: usize,
+        (image, mut camera): (ArrayView3<'s, f32>, KnownCamera),
+        warn: &mut dyn FnMut(String),
+    ) -> Result<Refined<'s>> {
+        let (scene, origin) = (self.scene, self.origin());
+        let Settings { config, error_bar, .. } = &self.refiner.settings;
+        let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
+        if let Some(report) = &refinement.capture {
+            match &report.fallback {
+                Some(reason) => {
+                    warn(format!("{{views}}: {reason}; only the reference photograph was used"));
+                }
+                None => {
+                    let estimated = report.photographs.get(photograph).and_then(|found| found.camera);
+                    if let Some(found) = estimated.filter(|found| *found != camera.camera) {
+                        camera = KnownCamera { camera: found, source: CameraSource::Estimated };
+                    }
+                }
             }
-            None => camera.take_estimated(report, photograph),
         }
-    }
-    // Refused photographs have no unit.
-    let mut unit = result_unit(settings.unit, scene, origin);
-    if unit == Unit::Capture && used {
-        refinement = refinement.in_capture_unit()?;
-    } else if unit == Unit::Capture && refinement.capture.is_some() {
-        warn("{unit}: without poses that fit there is no unit but the prior's".to_owned());
-        unit = Unit::Prior;
-    }
-    let scaled = scene.known.is_some();
-    doubts(&refinement.prior, origin, config, scaled).into_iter().for_each(&mut *warn);
-    if let Some(reason) = refinement.augmentation.skipped {
-        warn(format!("no test-time augmentation: {reason}; give {{prior-model}} to use it"));
-    }
-    for (index, iteration) in refinement.iterations.iter().enumerate() {
-        for warning in &iteration.fusion.warnings {
-            warn(format!("iteration {}: {warning}", index + 1));
+        // Refused photographs have no unit.
+        let mut unit = self.result_unit();
+        if unit == Unit::Capture && used {
+            refinement = refinement.in_capture_unit()?;
+        } else if unit == Unit::Capture && refinement.capture.is_some() {
+            warn("{unit}: without poses that fit there is no unit but the prior's".to_owned());
+            unit = Unit::Prior;
         }
+        let scaled = scene.known.is_some();
+        doubts(&refinement.prior, origin, config, scaled).into_iter().for_each(&mut *warn);
+        if let Some(reason) = refinement.augmentation.skipped {
+            warn(format!("no test-time augmentation: {reason}; give {{prior-model}} to use it"));
+        }
+        for (index, iteration) in refinement.iterations.iter().enumerate() {
+            for warning in &iteration.fusion.warnings {
+                warn(format!("iteration {}: {warning}", index + 1));
+            }
+        }
+        let stated = error_bar.apply(&mut refinement, config, origin, used, scaled)?;
+        // Errors of the whole map, which sigma does not contain.
+        let of_poses = refinement.capture.as_ref().and_then(|report| report.scale);
+        let gauge = of_poses.filter(|_| unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
+        let scale = stated.scale.as_ref().map(|scale| scale.relative);
+        for (name, relative) in [("gauge", gauge), ("scale", scale)] {
+            let Some(relative) = relative.filter(|relative| relative.is_finite()) else { continue };
+            let of = |z: &f32| if *z > 0.0 { relative as f32 * z } else { f32::INFINITY };
+            let sigma = refinement.depth.mean().map(of);
+            refinement.components.push(Component { name, sigma });
+        }
+        let mut same_scale = scene.same_scale;
+        if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
+            // The factor is that of the plain prediction; the merged one differs by another.
+            let both = refinement.prior.iter().zip(refinement.depth.mean());
+            let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
+            found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
+            refinement = refinement.scaled(found.factor, found.log_sigma)?;
+        }
+        let mut by_known = None;
+        if let Some(known) = &scene.known {
+            let at = known.at(refinement.depth.dim());
+            let (refined, report) = refinement.scaled_to(&at, !origin.kind.is_depth()).map_err(|error| {
+                Error::Argument(format!("{{scale-from}} {}: {}", known.source, text(&error)))
+            })?;
+            refinement = refined;
+            by_known = Some(Scaled { from: known.source.clone(), report });
+        }
+        stated.warnings.iter().cloned().for_each(&mut *warn);
+        let unit = self.name_of(unit);
+        let png = DepthPng::new(unit, refinement.depth.mean().iter().copied());
+        png.warning().into_iter().for_each(warn);
+        Ok(Refined {
+            scene,
+            photograph,
+            image,
+            camera,
+            refinement,
+            unit,
+            stated,
+            scaled: by_known,
+            same_scale,
+            png,
+            origin: origin.clone(),
+            prior_seconds: self.prior.take_seconds(),
+        })
     }
-    let stated = error_bar.apply(&mut refinement, config, origin, used, scaled)?;
-    // Errors of the whole map, which sigma does not contain.
-    let of_poses = refinement.capture.as_ref().and_then(|report| report.scale);
-    let gauge = of_poses.filter(|_| unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
-    let scale = stated.scale.as_ref().map(|scale| scale.relative);
-    for (name, relative) in [("gauge", gauge), ("scale", scale)] {
-        let Some(relative) = relative.filter(|relative| relative.is_finite()) else { continue };
-        let of = |z: &f32| if *z > 0.0 { relative as f32 * z } else { f32::INFINITY };
-        let sigma = refinement.depth.mean().map(of);
-        refinement.components.push(Component { name, sigma });
-    }
-    let mut same_scale = scene.same_scale;
-    if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
-        // The factor is that of the plain prediction; the merged one differs by another.
-        let both = refinement.prior.iter().zip(refinement.depth.mean());
-        let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
-        found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
-        refinement = refinement.scaled(found.factor, found.log_sigma)?;
-    }
-    let mut by_known = None;
-    if let Some(known) = &scene.known {
-        let at = known.at(refinement.depth.dim());
-        let (refined, report) = refinement
-            .scaled_to(&at, !origin.kind.is_depth())
-            .map_err(|error| Error::Argument(format!("{{scale-from}} {}: {}", known.source, text(&error))))?;
-        refinement = refined;
-        by_known = Some(Scaled { from: known.source.clone(), report });
-    }
-    stated.warnings.iter().cloned().for_each(&mut *warn);
-    let unit = unit_name(unit, scene, origin);
-    let png = DepthPng::new(unit, refinement.depth.mean().iter().copied());
-    Ok(Refined {
-        scene,
-        photograph,
-        image,
-        camera,
-        refinement,
-        unit,
-        stated,
-        scaled: by_known,
-        same_scale,
-        png,
-        origin: origin.clone(),
-        field: None,
-        prior_seconds: 0.0,
-    })
 }
 
 impl<'s> Refined<'s> {

@@ -1,13 +1,5 @@
 //! The way of every refinement: a [`Refiner`] takes a [`Scene`] through plan, prepare and refine.
 //!
-//! | Step | What | Where |
-//! |---|---|---|
-//! | plan | memory, and predictions side by side, from sizes alone | [`Refiner::plan`] |
-//! | scene | each photograph at its size, with its camera | [`Photograph::resized`] |
-//! | prepare | the network's camera and metres; of several photographs predictions and poses | [`Refiner::prepare`] |
-//! | refine | the loop, or the sweeps and the field of several photographs | [`Prepared::refine`] |
-//! | finish | unit, scale by known depths, error bar | [`Refined`] |
-//!
 //! The program, the evaluations and the Python package call it.
 //!
 //! ```
@@ -33,10 +25,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod bound;
 pub mod calibration;
 #[cfg(feature = "files")]
 pub mod capture;
-pub mod depth_png;
 pub mod error_bar;
 pub mod finish;
 mod order_check;
@@ -49,27 +41,26 @@ mod tests;
 pub use finish::{Refined, Unit};
 
 use crate::config::{Config, Preset};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, text};
+use crate::prior::OpenPrior;
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::prior::{OpenPrior, PhotographPrior};
 use crate::refinement::event::Event;
 use crate::refinement::predict::known;
 use crate::refinement::refine;
-use crate::refinement::shared::SharedNerf;
-use crate::refinement::stages::{FieldFactory, FieldRequest, Stages};
+use crate::refinement::stages::{FieldFactory, Stages};
 use crate::refinement::views::synthesise;
+use crate::refiner::bound::PhotographPrior;
 use crate::refiner::error_bar::ErrorBar;
 use crate::refiner::plan::inference::PhotographMemory;
 use crate::refiner::plan::limit::MemoryLimit;
 use crate::refiner::plan::scene_bytes;
 use crate::reports::iteration::WarpReport;
-use crate::scene::camera::KnownCamera;
+use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use crate::several::prepared::PreparedScene;
-use mde_nerf::RadianceField;
-use mde_prior::DepthPrior;
-use mde_warp::PosedView;
+use mde_prior::{DepthPrior, ModelSpec};
+use mde_warp::{PinholeCamera, PosedView};
 use ndarray::Array2;
 use std::ops::ControlFlow;
 
@@ -141,6 +132,10 @@ pub struct Plan {
     pub parallel_predictions: usize,
 }
 
+/// Bytes per pixel of the results for the files for other programs, and for the ends of an interval.
+const EXPORTS: f64 = 40.0;
+const INTERVAL: f64 = 8.0;
+
 /// A prior with settings; refines any number of scenes.
 pub struct Refiner<'p> {
     prior: &'p OpenPrior<'p>,
@@ -188,26 +183,23 @@ impl<'p> Refiner<'p> {
     /// # Errors
     /// [`Error::Argument`] where it exceeds the memory limit.
     pub fn plan(&self, name: &str, original: (usize, usize), photographs: usize) -> Result<Plan> {
-        let Settings { config, sizes, memory: limit, .. } = &self.settings;
+        let Settings { config, sizes, memory: limit, error_bar, exports, .. } = &self.settings;
         let (prior, threads) = (self.prior.prior(), rayon::current_num_threads());
         let full = sizes.of_results(original);
         let at = sizes.of_refinement(full);
-        let pixels = at.0 as u64 * at.1 as u64;
-        let (memory, swept) = match photographs {
-            0 | 1 => (PhotographMemory::new(config, prior, full, at, threads), 0),
-            _ => {
-                let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
-                limit.check(name, at, bytes)?;
-                let memory = PhotographMemory::of_several(config, prior, at, photographs, threads);
-                (memory, bytes(pixels))
-            }
-        };
-        let results = full.0 as u64 * full.1 as u64;
-        let interval = self.settings.error_bar.probability().is_some();
-        let memory = memory.with_results(results, self.settings.exports, interval);
+        let pixels = |(height, width)| height as u64 * width as u64;
+        let mut swept = 0;
+        if photographs > 1 {
+            let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
+            limit.check(name, at, bytes)?;
+            swept = bytes(pixels(at));
+        }
+        let mut memory = PhotographMemory::new(config, prior, [full, at], photographs, threads);
+        let ends = if error_bar.probability().is_some() { INTERVAL } else { 0.0 };
+        memory.held += pixels(full) as f64 * (ends + if *exports { EXPORTS } else { 0.0 });
         let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
-        let bytes = memory.bytes(pixels, parallel_predictions as u64).max(swept);
-        Ok(Plan { bytes, shared: memory.shared(), parallel_predictions })
+        let bytes = memory.bytes(pixels(at), parallel_predictions as u64).max(swept);
+        Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
     }
 
     /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. Its camera is the network's own where the
@@ -219,21 +211,31 @@ impl<'p> Refiner<'p> {
         seen: &mut dyn Observer,
     ) -> Result<(PhotographPrior<'_>, KnownCamera)> {
         self.prior.note.iter().for_each(|note| seen.warn(note.clone()));
-        let (open, origin) = (self.prior, self.prior.origin());
-        let mut prior = PhotographPrior::new(open.prior(), origin);
-        if origin.model.is_none() {
-            let from = open.size.unwrap_or(photograph.original);
-            let mut warn = |warning| seen.warn(warning);
-            prior = prior.resampled(from, photograph.original, photograph.size(), &mut warn)?;
-        }
-        order_check::swapped(open).into_iter().for_each(|warning| seen.warn(warning.to_owned()));
+        order_check::swapped(self.prior).into_iter().for_each(|warning| seen.warn(warning.to_owned()));
         let mut camera = photograph.camera.clone();
         // Further photographs give the focal length.
         if !several {
-            camera = camera.by_network(&prior, origin, photograph.image.view())?.unwrap_or(camera);
+            camera = self.own_camera(photograph)?.unwrap_or(camera);
             camera.warning().into_iter().for_each(|warning| seen.warn(warning));
         }
-        Ok((prior.at_focal(camera.focal()), camera))
+        let mut warn = |warning| seen.warn(warning);
+        Ok((PhotographPrior::new(self.prior, photograph, camera.focal(), &mut warn)?, camera))
+    }
+
+    /// The camera that the network estimates for a photograph whose camera is assumed, where it estimates one. It takes a prediction.
+    fn own_camera(&self, photograph: &Photograph) -> Result<Option<KnownCamera>> {
+        let origin = self.prior.origin();
+        let has_camera = |spec: &ModelSpec| spec.camera_output.is_some() || spec.recover_shift;
+        if !(photograph.camera.is_assumed() && origin.model.as_ref().is_some_and(has_camera)) {
+            return Ok(None);
+        }
+        let predicted = self.prior.prior().predict(photograph.image.view())?;
+        let Some([fx, fy, cx, cy]) = predicted.intrinsics else { return Ok(None) };
+        let (height, width) = photograph.size();
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(|error| {
+            Error::Argument(format!("{}: its own camera: {}", origin.source, text(&error)))
+        })?;
+        Ok(Some(KnownCamera { camera, source: CameraSource::Network }))
     }
 
     /// Features and depth of a photograph, by which others are brought to its scale.
@@ -271,7 +273,7 @@ impl<'p> Refiner<'p> {
         let mut several = None;
         if scene.is_several() {
             let mut stages = Stages::new(&prior).with_predictions_at_once(plan.parallel_predictions);
-            stages.factors = metres_factors(prior.origin(), scene, &camera);
+            stages.factors = metres_factors(&prior.origin, scene, &camera);
             let config = &self.settings.config;
             several = Some(PreparedScene::new(scene, &stages, config, &mut |event| seen.event(event))?);
         }
@@ -308,7 +310,7 @@ impl<'s> Prepared<'s> {
     pub fn refine(
         &mut self,
         photograph: usize,
-        mut field: Option<&mut FieldFactory<'_>>,
+        field: Option<&mut FieldFactory<'_>>,
         seen: &mut dyn Observer,
     ) -> Result<Refined<'s>> {
         let Self { refiner, scene, prior, several, .. } = self;
@@ -320,22 +322,17 @@ impl<'s> Prepared<'s> {
         let mut camera =
             if photograph == scene.reference { self.camera.clone() } else { shown.camera.clone() };
         let config = &refiner.settings.config;
-        let mut kept = None;
-        let make = |request: FieldRequest<'_>| -> Result<Box<dyn RadianceField>> {
-            match &mut field {
-                Some(factory) => factory(request),
-                None => Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())),
-            }
-        };
-        let mut stages =
-            Stages::new(&*prior).with_predictions_at_once(self.parallel_predictions).with_field(make);
-        stages.serves_one = prior.origin().form != PriorForm::Nothing;
+        let mut stages = Stages::new(&*prior).with_predictions_at_once(self.parallel_predictions);
+        if let Some(factory) = field {
+            stages = stages.with_field(factory);
+        }
+        stages.serves_one = prior.origin.form != PriorForm::Nothing;
         let mut observe = |event: &Event| seen.event(event);
         let mut refinement = match several {
             Some(several) => several.refine(photograph, stages, &mut observe)?,
             None => refine(shown.image.view(), &camera.camera, stages, config, &mut observe)?,
         };
-        if refiner.settings.keep_field && kept.is_none() {
+        if refiner.settings.keep_field && refinement.field.is_none() {
             seen.warn(
                 "{keep-field}: no field was fitted, so there is none; several photographs and the preset paper fit one"
                     .to_owned(),
@@ -343,16 +340,10 @@ impl<'s> Prepared<'s> {
         }
         let mut image = shown.image.view();
         if let Some(full) = &shown.full {
-            refinement = refinement.upsampled(image, full.image.view())?;
-            let (height, width, _) = full.image.dim();
-            (image, camera) = (full.image.view(), camera.resized((height, width))?);
+            refinement = refinement.upsampled(image, full.view())?;
+            (image, camera) = (full.view(), camera.resized(shown.of_results())?);
         }
-        let prior_seconds = self.prior.take_seconds();
-        let given = (&refiner.settings, self.prior.origin(), scene);
-        let refined =
-            finish::finish(given, refinement, photograph, (image, camera), &mut |text| seen.warn(text))?;
-        refined.png.warning().into_iter().for_each(|warning| seen.warn(warning));
-        Ok(Refined { field: kept, prior_seconds, ..refined })
+        self.finish(refinement, photograph, (image, camera), &mut |text| seen.warn(text))
     }
 
     /// The prior's depth of the reference, `[height, width]` of its refinement; 0 where missing.
@@ -380,13 +371,7 @@ impl<'s> Prepared<'s> {
 
     /// Where the prior comes from, with the metres that the focal length gives.
     pub fn origin(&self) -> &PriorOrigin {
-        self.prior.origin()
-    }
-
-    /// Unit of the results: `m`, `capture` or `unscaled`.
-    pub fn unit(&self) -> &'static str {
-        let (scene, origin) = (self.scene, self.prior.origin());
-        finish::unit_name(finish::result_unit(self.refiner.settings.unit, scene, origin), scene, origin)
+        &self.prior.origin
     }
 
     /// Seconds of predictions that no result has yet.

@@ -4,9 +4,9 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::scene::SameScale;
 use crate::scene::camera::KnownCamera;
-use crate::scene::size::{shrink, within};
+use crate::scene::size::within;
 use mde_mvs::poses::{LogFactor, LogRatio, PoseInput, Prepared, common_scale};
-use mde_prior::resample::nearest;
+use mde_prior::resample::{nearest, shrink};
 use mde_prior::{DepthPrior, DisparityRule};
 use mde_uncertainty::random::derived_seed;
 use ndarray::ArrayView3;
@@ -22,7 +22,7 @@ const LONGER_SIDE: usize = 640;
 const FEATURES: usize = 1500;
 
 /// Error of a whole photograph's factor over that by what it has in common with others: the median of two networks on 13 captures
-/// (docs/many.md).
+/// (docs/guide.md).
 const WHOLE: f64 = 2.2;
 
 /// A photograph that is compared with later ones.
@@ -37,24 +37,6 @@ pub struct Pair([Kept; 2]);
 /// Each photograph needs one prediction, and its features at 640 pixels on the longer side. It is compared with the 3 before it, and
 /// up to 16 photographs, evenly spread over all, with each other; no more than these are kept. The factors depend on the photographs, their
 /// order, and the seed alone.
-///
-/// ```no_run
-/// use mde_cli::refiner::same_scale::OneScale;
-/// use mde_cli::{Config, Result};
-/// # use mde_cli::{scene::camera::KnownCamera, mde_prior::DepthPrior};
-/// # use ndarray::Array3;
-///
-/// # fn all(photographs: &[(Array3<f32>, KnownCamera)], prior: &dyn DepthPrior, config: &Config) -> Result<()> {
-/// let mut scale = OneScale::new(photographs.len(), config);
-/// for (image, camera) in photographs {
-///     let pairs = scale.add(scale.prepare(image.view(), camera, prior).ok());
-///     let ratios: Vec<_> = pairs.iter().filter_map(|pair| scale.ratio(pair)).collect();
-///     scale.extend(ratios);
-/// }
-/// let factors = scale.factors()?;
-/// # Ok(())
-/// # }
-/// ```
 #[derive(Debug)]
 pub struct OneScale {
     disparity: DisparityRule,
@@ -63,8 +45,8 @@ pub struct OneScale {
     /// Photographs from one that is matched with all such to the next.
     stride: usize,
     added: usize,
-    keys: Vec<Kept>,
-    last: Vec<Kept>,
+    /// In their order: the last, and those that are matched with all such.
+    kept: Vec<Kept>,
     ratios: Vec<LogRatio>,
 }
 
@@ -77,8 +59,7 @@ impl OneScale {
             photographs,
             stride: photographs.div_ceil(KEYS).max(1),
             added: 0,
-            keys: Vec::new(),
-            last: Vec::new(),
+            kept: Vec::new(),
             ratios: Vec::new(),
         }
     }
@@ -114,16 +95,16 @@ impl OneScale {
         self.added += 1;
         let Some(prepared) = prepared else { return Vec::new() };
         let new: Kept = (index, Arc::new(prepared));
-        let is_key = index.is_multiple_of(self.stride);
-        let far = |(key, _): &&Kept| is_key && self.last.iter().all(|(last, _)| key != last);
-        let others = self.keys.iter().filter(far).chain(&self.last);
-        let pairs = others.map(|old| Pair([old.clone(), new.clone()])).collect();
-        if is_key {
-            self.keys.push(new.clone());
-        }
-        self.last.push(new);
-        if self.last.len() > NEXT {
-            self.last.remove(0);
+        let is_key = |index: usize| index.is_multiple_of(self.stride);
+        let last = self.kept.len().saturating_sub(NEXT);
+        let others = self.kept.iter().enumerate();
+        let others = others.filter(|(place, (old, _))| *place >= last || is_key(index) && is_key(*old));
+        let pairs = others.map(|(_, old)| Pair([old.clone(), new.clone()])).collect();
+        self.kept.push(new);
+        if let Some(left) = self.kept.len().checked_sub(NEXT + 1)
+            && !is_key(self.kept[left].0)
+        {
+            self.kept.remove(left);
         }
         pairs
     }

@@ -8,24 +8,32 @@ use mde_nerf::RadianceField;
 use mde_prior::Certainty;
 use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
+use serde::Serialize;
 
-/// Result of a run.
+/// Result of a run; serialised, without the maps and the field.
+#[derive(Serialize)]
 pub struct Refinement {
     /// The refined depth and its variance, `[height, width]`, z in the prior's unit.
+    #[serde(skip)]
     pub depth: GaussianDepth,
     /// The monocular depth that it started from, `[height, width]`; 0 where missing.
+    #[serde(skip)]
     pub prior: Array2<f32>,
     /// Report of the prior's stage.
     pub augmentation: AugmentationReport,
     /// Components of the standard deviation.
+    #[serde(skip)]
     pub components: Vec<Component>,
     /// One report per iteration.
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
+    #[serde(skip)]
     pub field: Option<Box<dyn RadianceField>>,
     /// How sure the model itself is of each pixel, where it says so and refined a single photograph. Sigma does not depend on it.
+    #[serde(skip)]
     pub certainty: Option<Certainty>,
     /// Report of several photographs, where there were any.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub capture: Option<CaptureReport>,
 }
 
@@ -57,17 +65,10 @@ impl Refinement {
             return Err(fault("the poses were estimated, so the capture has no unit but the prior's"));
         };
         let factor = match report.scale {
-            Some([factor, _]) if factor > 0.0 && factor.is_finite() => factor as f32,
+            Some([factor, _]) if factor > 0.0 && factor.is_finite() => f64::from(factor as f32),
             _ => return Err(fault("no scale between the capture's unit and the prior's was found")),
         };
-        let depth = self.depth.map(|mean, variance| (factor * mean, factor * factor * variance));
-        let scaled = |part: Component| Component { sigma: part.sigma.mapv(|s| factor * s), ..part };
-        let refined = Self {
-            depth,
-            prior: self.prior.mapv(|z| factor * z),
-            components: self.components.into_iter().map(scaled).collect(),
-            ..self
-        };
-        Ok(refined.with_poses(Some(f64::from(factor))))
+        let refined = self.mapped(None, |z| Some((factor * z, factor, 0.0)))?.0;
+        Ok(refined.with_poses(Some(factor)))
     }
 }

@@ -1,14 +1,10 @@
 //! The camera of a photograph: given, from its EXIF, or assumed.
 
 use crate::error::{Error, Result, text};
-use crate::prior::origin::PriorOrigin;
-use crate::reports::capture::CaptureReport;
-use crate::scene::intrinsics;
 use mde_mvs::capture::{Distortion, Lens};
-use mde_prior::{DepthPrior, FileKind, open};
+use mde_prior::{FileKind, open};
 use mde_warp::PinholeCamera;
-use ndarray::ArrayView3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Assumed horizontal field of view, degrees: between a phone's main camera (65 to 75) and a longer lens.
@@ -92,18 +88,23 @@ impl KnownCamera {
     /// that photograph.
     pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
+        let checked = |camera: PinholeCamera| {
+            let lens = Lens { camera, distortion: Distortion::default() };
+            lens.check().map(|()| camera).map_err(Error::Argument)
+        };
         let (camera, source) = match (given, focal_35mm) {
             (GivenCamera::File(path), _) => {
                 let shown = path.display();
                 let read = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
-                let camera = intrinsics::parse(&read, [width, height])
+                let camera = intrinsics(&read, [width, height])
+                    .and_then(checked)
                     .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
                 (camera, CameraSource::File(shown.to_string()))
             }
             (GivenCamera::Intrinsics { fx, fy, cx, cy }, _) => {
                 let (cx, cy) = (cx.unwrap_or(middle(width)), cy.unwrap_or(middle(height)));
                 let camera = PinholeCamera::new(*fx, fy.unwrap_or(*fx), cx, cy, width, height)?;
-                (camera, CameraSource::Flags)
+                (checked(camera)?, CameraSource::Flags)
             }
             (GivenCamera::FieldOfView(fov), _) => {
                 let camera = PinholeCamera::from_fov(*fov, width, height)
@@ -117,14 +118,6 @@ impl KnownCamera {
                 (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
             }
         };
-        let lens = Lens { camera, distortion: Distortion::default() };
-        match &source {
-            CameraSource::Flags => lens.check().map_err(Error::Argument)?,
-            CameraSource::File(file) => {
-                lens.check().map_err(|reason| Error::Argument(format!("{file}: {reason}")))?;
-            }
-            _ => {}
-        }
         Ok(Self { camera, source })
     }
 
@@ -146,36 +139,6 @@ impl KnownCamera {
         (!self.is_assumed()).then(|| self.camera.fx / self.camera.width as f64)
     }
 
-    /// In the place of an assumed camera, that which a network estimates for an image `[height, width, 3]`, where it estimates one. It takes
-    /// a prediction.
-    ///
-    /// # Errors
-    /// [`Error::Prior`] where the network fails, [`Error::Argument`] for what is no camera.
-    pub fn by_network(
-        &self,
-        prior: &dyn DepthPrior,
-        origin: &PriorOrigin,
-        image: ArrayView3<'_, f32>,
-    ) -> Result<Option<Self>> {
-        if !(self.is_assumed() && origin.has_camera()) {
-            return Ok(None);
-        }
-        let Some([fx, fy, cx, cy]) = prior.predict(image)?.intrinsics else { return Ok(None) };
-        let (height, width, _) = image.dim();
-        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(|error| {
-            Error::Argument(format!("{}: its own camera: {}", origin.source, text(&error)))
-        })?;
-        Ok(Some(Self { camera, source: CameraSource::Network }))
-    }
-
-    /// Takes the camera that was estimated for a photograph of a capture, if one was.
-    pub(crate) fn take_estimated(&mut self, report: &CaptureReport, photograph: usize) {
-        let estimated = report.photographs.get(photograph).and_then(|found| found.camera);
-        if let Some(camera) = estimated.filter(|camera| *camera != self.camera) {
-            *self = Self { camera, source: CameraSource::Estimated };
-        }
-    }
-
     /// A warning where the camera is assumed.
     pub fn warning(&self) -> Option<String> {
         let CameraSource::Assumed(degrees) = self.source else { return None };
@@ -183,5 +146,84 @@ impl KnownCamera {
             "the camera is unknown: a horizontal field of view of {degrees} degrees is assumed, which affects the point cloud \
              but not the depth, unless a field is fitted; give {{fov}} or {{intrinsics}}"
         ))
+    }
+}
+
+/// Focal lengths and principal point in pixels, and the image size where the file states it.
+#[derive(Deserialize)]
+struct Intrinsics {
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    width: Option<usize>,
+    height: Option<usize>,
+}
+
+/// The camera of an image of `width` by `height` pixels, counted from 0, by a 3x3 matrix (white space, commas, semicolons and brackets
+/// separate), or by JSON with `fx`, `fy`, `cx`, `cy` and optionally `width` and `height`; other keys are ignored.
+///
+/// ```
+/// let camera = mde_cli::scene::camera::intrinsics("520.5 0 277.9\n0 521 215\n0 0 1", [561, 427])?;
+/// assert_eq!((camera.fx, camera.cy), (520.5, 215.0));
+/// # Ok::<(), mde_cli::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::Argument`] for text of another layout, or intrinsics of another size; [`Error::Warp`] for a value out of range.
+pub fn intrinsics(text: &str, [width, height]: [usize; 2]) -> Result<PinholeCamera> {
+    let Intrinsics { fx, fy, cx, cy, width: w, height: h } = match text.trim_start().starts_with('{') {
+        true => serde_json::from_str(text)
+            .map_err(|e| Error::Argument(format!("give JSON with the numbers fx, fy, cx, cy: {e}")))?,
+        false => matrix(text)?,
+    };
+    let (w, h) = (w.unwrap_or(width), h.unwrap_or(height));
+    if (w, h) != (width, height) {
+        return Err(Error::Argument(format!(
+            "the intrinsics are for {w}x{h} pixels but the image is {width}x{height}; scale them"
+        )));
+    }
+    Ok(PinholeCamera::new(fx, fy, cx, cy, width, height)?)
+}
+
+fn matrix(text: &str) -> Result<Intrinsics> {
+    let parts = text.split(|c: char| c.is_whitespace() || ",;[]".contains(c)).filter(|part| !part.is_empty());
+    let numbers: Vec<f64> = parts
+        .map(str::parse)
+        .collect::<Result<_, _>>()
+        .map_err(|e| Error::Argument(format!("give a 3x3 matrix of numbers, or JSON: {e}")))?;
+    let &[fx, skew, cx, zero, fy, cy, below, beside, one] = numbers.as_slice() else {
+        return Err(Error::Argument(format!(
+            "{} numbers do not make a camera; give a 3x3 matrix, or JSON with fx, fy, cx, cy",
+            numbers.len()
+        )));
+    };
+    if ![skew, zero, below, beside, one - 1.0].iter().all(|v| v.abs() < 1e-6) {
+        return Err(Error::Argument(
+            "the matrix is not that of a pinhole camera; give [fx 0 cx; 0 fy cy; 0 0 1]".into(),
+        ));
+    }
+    Ok(Intrinsics { fx, fy, cx, cy, width: None, height: None })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matrices_and_json_are_read_and_know_their_size() {
+        let camera = PinholeCamera::new(520.5, 521.0, 277.9, 215.0, 561, 427).unwrap();
+        for text in [
+            "520.5 0 277.9\n0 521 215\n0 0 1\n",
+            "520.5 0 277.9 0 521 215 0 0 1",
+            "[[520.5, 0, 277.9], [0, 521, 215], [0, 0, 1]]",
+            "{\"fx\": 520.5, \"fy\": 521, \"cx\": 277.9, \"cy\": 215, \"source\": \"a lab\"}",
+        ] {
+            assert_eq!(intrinsics(text, [561, 427]).unwrap(), camera, "{text}");
+        }
+        let text =
+            "{\"fx\": 500, \"fy\": 500, \"cx\": 319.5, \"cy\": 239.5, \"width\": 640, \"height\": 480}";
+        assert_eq!(intrinsics(text, [640, 480]).unwrap().cx, 319.5);
+        assert!(intrinsics(text, [320, 240]).is_err());
     }
 }

@@ -28,7 +28,7 @@ impl KnownDepth {
     }
 }
 
-/// KnownDepths depths in pixels of the photograph's file.
+/// Known depths in pixels of the photograph's file.
 #[derive(Debug, Clone)]
 pub struct KnownDepths {
     /// The file or folder, or `array`.

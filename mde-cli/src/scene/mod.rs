@@ -1,15 +1,14 @@
 //! Photographs of one static scene, each at the size at which it is refined, with its camera.
 
 pub mod camera;
-pub mod intrinsics;
 pub mod known;
 pub mod size;
 
 use crate::error::{Error, Result};
 use crate::scene::camera::KnownCamera;
 use crate::scene::known::KnownDepths;
-use crate::scene::size::{SMALLEST, Sizes, shrink};
-use mde_prior::resample::nearest;
+use crate::scene::size::{SMALLEST, Sizes};
+use mde_prior::resample::{nearest, shrink};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Point3;
 use ndarray::{ArcArray, Array2, Ix2, Ix3};
@@ -31,16 +30,7 @@ pub struct Photograph {
     /// `(height, width)` as given.
     pub original: (usize, usize),
     /// The photograph at the size of the results, where it is refined at a smaller one.
-    pub full: Option<Full>,
-}
-
-/// A photograph at the size of its results.
-#[derive(Debug, Clone)]
-pub struct Full {
-    /// sRGB in 0 to 1, `[height, width, 3]`.
-    pub image: ArcArray<f32, Ix3>,
-    /// The camera at this size.
-    pub camera: KnownCamera,
+    pub full: Option<ArcArray<f32, Ix3>>,
 }
 
 impl Photograph {
@@ -77,8 +67,7 @@ impl Photograph {
             let (rows, columns) = at;
             warn(format!("{width}x{height} pixels: refined at {columns}x{rows}; {{work-size}} sets this"));
             let small = shrink(self.image.view(), at).into_shared();
-            let image = std::mem::replace(&mut self.image, small);
-            self.full = if several { None } else { Some(Full { image, camera: self.camera.resized(size)? }) };
+            self.full = Some(std::mem::replace(&mut self.image, small)).filter(|_| !several);
         }
         self.camera = self.camera.resized(at)?;
         if self.mask.dim() != at {
@@ -95,7 +84,7 @@ impl Photograph {
 
     /// `(height, width)` of the results.
     pub fn of_results(&self) -> (usize, usize) {
-        let (height, width, _) = self.full.as_ref().map_or(&self.image, |full| &full.image).dim();
+        let (height, width, _) = self.full.as_ref().unwrap_or(&self.image).dim();
         (height, width)
     }
 
@@ -178,22 +167,17 @@ impl Scene {
     /// Identifies the content of the photographs, their cameras, poses and points: their CRC-32 in hexadecimal digits.
     pub fn identity(&self) -> String {
         let mut hasher = crc32fast::Hasher::new();
-        let mut numbers = |values: &mut dyn Iterator<Item = f64>| {
-            values.for_each(|value| hasher.update(&value.to_le_bytes()));
-        };
+        let mut number = |value: f64| hasher.update(&value.to_le_bytes());
         for photograph in &self.photographs {
-            numbers(&mut photograph.image.iter().map(|value| f64::from(*value)));
-            numbers(&mut photograph.mask.iter().map(|real| f64::from(u8::from(*real))));
+            photograph.image.iter().for_each(|value| number(f64::from(*value)));
+            photograph.mask.iter().for_each(|real| number(f64::from(u8::from(*real))));
             let PinholeCamera { fx, fy, cx, cy, width, height } = photograph.camera.camera;
-            numbers(&mut [fx, fy, cx, cy, width as f64, height as f64].into_iter());
-            numbers(
-                &mut photograph
-                    .pose
-                    .iter()
-                    .flat_map(|pose| pose.to_homogeneous().iter().copied().collect::<Vec<_>>()),
-            );
+            [fx, fy, cx, cy, width as f64, height as f64].into_iter().for_each(&mut number);
+            if let Some(pose) = photograph.pose {
+                pose.to_homogeneous().iter().copied().for_each(&mut number);
+            }
         }
-        numbers(&mut self.points.iter().flat_map(|point| [point.x, point.y, point.z]));
+        self.points.iter().flat_map(|point| [point.x, point.y, point.z]).for_each(number);
         for photograph in &self.photographs {
             hasher.update(photograph.name.as_bytes());
             hasher.update(&[0, u8::from(photograph.camera.is_assumed())]);
@@ -218,12 +202,6 @@ pub struct SameScale {
 }
 
 impl SameScale {
-    /// What a photograph's results depend on.
-    pub fn key(&self) -> String {
-        // Bits, as texts of numbers may differ.
-        format!("{:016x} {:016x} {}", self.factor.to_bits(), self.log_sigma.to_bits(), self.photographs)
-    }
-
     /// Whether no other photograph has this scale.
     pub fn is_alone(&self) -> bool {
         self.photographs < 2

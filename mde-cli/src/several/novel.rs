@@ -2,11 +2,10 @@
 
 use crate::error::Result;
 use crate::reports::novel::NovelView;
-use crate::scene::size::shrink;
 use crate::several::prepared::equalised;
 use mde_mvs::consensus::ViewDepth;
 use mde_nerf::{FieldCallback, RadianceField};
-use mde_prior::resample::nearest;
+use mde_prior::resample::{nearest, shrink};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};
 use ndarray::{Array2, ArrayView3, Zip};

@@ -120,7 +120,7 @@ fn the_estimate_has_the_network() {
     let (place, config, size) = (Place::new(), Preset::Default.config(), (480, 640));
     let prior = OnnxPrior::open(&network, &OnnxPrior::recognise(&network).unwrap().0).unwrap();
     for (threads, gib) in [(1, 8.0), (2, 8.0), (4, 8.0), (4, 0.17)] {
-        let memory = PhotographMemory::new(&config, &prior, size, size, threads);
+        let memory = PhotographMemory::new(&config, &prior, [size; 2], 1, threads);
         let limit = MemoryLimit { gib };
         let at_once = memory.predictions_at_once(&limit, "photo", size).unwrap();
         assert_eq!(at_once < threads, gib < 1.0, "{at_once}");

@@ -1,8 +1,7 @@
 use super::{DataSet, Sample};
 use crate::Result;
-use mde_prior::resample::{Filter, nearest, resize};
+use mde_prior::resample::{nearest, shrink};
 use mde_warp::PosedView;
-use ndarray::{Array3, ArrayView3, Axis};
 
 /// A data set at another size, such as the paper's 640 x 480.
 ///
@@ -44,7 +43,7 @@ impl DataSet for Resized {
         sample.prior = sample.prior.map(|prior| prior.resized(size)).transpose()?;
         for captured in &mut sample.views {
             let view = &captured.view;
-            let image = self.image(view.image.view());
+            let image = shrink(view.image.view(), size);
             let mask = nearest(view.mask.view(), size);
             let camera = view.camera.resized(self.width, self.height)?;
             captured.view = PosedView::new(image, camera, view.pose, mask, Vec::new())?;
@@ -53,20 +52,9 @@ impl DataSet for Resized {
         if sample.depth.dim() == size {
             return Ok(sample);
         }
-        let image = self.image(sample.image.view());
+        let image = shrink(sample.image.view(), size);
         let depth = nearest(sample.depth.view(), size);
         let camera = sample.camera.resized(self.width, self.height)?;
         Ok(Sample { image, depth, camera, ..sample })
-    }
-}
-
-impl Resized {
-    fn image(&self, image: ArrayView3<'_, f32>) -> Array3<f32> {
-        let size = (self.height, self.width);
-        let mut resized = Array3::zeros((self.height, self.width, 3));
-        for (mut to, from) in resized.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
-            to.assign(&resize(from, size, Filter::BilinearAntialias));
-        }
-        resized
     }
 }

@@ -3,10 +3,12 @@ use std::path::{Path, PathBuf};
 
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3};
+use ndarray::ArrayView3;
 
+use super::error::{no_pose, unsupported};
 use super::tum::{lines, number, numbers};
 use super::{
-    Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
+    Distortion, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
     quaternion, read_bytes, read_text, translation,
 };
 
@@ -99,24 +101,18 @@ impl Raw {
         let binary = model.join("cameras.bin").exists();
         let file = |stem: &str| model.join(format!("{stem}.{}", if binary { "bin" } else { "txt" }));
         let (cameras, images, points) = (file("cameras"), file("images"), file("points3D"));
-        let raw = if binary {
-            Self {
+        let has_points = points.exists();
+        let raw = match binary {
+            true => Self {
                 cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
                 images: binary_images(&images, &read_bytes(&images)?)?,
-                points: match points.exists() {
-                    true => binary_points(&points, &read_bytes(&points)?)?,
-                    false => Vec::new(),
-                },
-            }
-        } else {
-            Self {
+                points: if has_points { binary_points(&points, &read_bytes(&points)?)? } else { Vec::new() },
+            },
+            false => Self {
                 cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
                 images: text_images(&images, &read_text(&images)?)?,
-                points: match points.exists() {
-                    true => text_points(&points, &read_text(&points)?)?,
-                    false => Vec::new(),
-                },
-            }
+                points: if has_points { text_points(&points, &read_text(&points)?)? } else { Vec::new() },
+            },
         };
         Ok((images, raw))
     }
@@ -127,10 +123,9 @@ impl Raw {
             let problem = format!("camera {} is not among the cameras", image.camera);
             content(path, format!("image {}", image.name), problem)
         })?;
-        let wrong =
-            |problem| Error::Rotation { path: path.to_owned(), photograph: image.name.clone(), problem };
-        let rotation = quaternion(image.quaternion).map_err(wrong)?;
-        let translation = translation(image.translation).map_err(wrong)?;
+        let wrong = no_pose(path, &image.name);
+        let rotation = quaternion(image.quaternion).map_err(&wrong)?;
+        let translation = translation(image.translation).map_err(&wrong)?;
         Ok((lens, Pose::from_parts(translation, rotation)))
     }
 
@@ -193,16 +188,12 @@ fn lens(
     if width > 65536 || height > 65536 {
         return Err(content(path, place(), format!("{width}x{height} pixels; at most 65536 a side")));
     }
-    let camera = PinholeCamera::new(k[0], k[1], k[2] - 0.5, k[3] - 0.5, width as usize, height as usize)
+    let camera = PinholeCamera::new(k[0], k[1], k[2] - HALF, k[3] - HALF, width as usize, height as usize)
         .map_err(|e| content(path, place(), e.to_string()))?;
     let [k1, k2, p1, p2] = distortion;
     let lens = Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } };
     lens.check().map_err(|problem| content(path, place(), problem))?;
     Ok(lens)
-}
-
-fn unsupported(path: &Path, model: String) -> Error {
-    Error::Model { path: path.to_owned(), model, supported: SUPPORTED }
 }
 
 fn integer<T: std::str::FromStr>(path: &Path, line: usize, word: Option<&str>, what: &str) -> Result<T> {
@@ -217,7 +208,7 @@ pub(crate) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens
         let id = integer(path, line, words.next(), "the camera's number")?;
         let name = words.next().unwrap_or_default();
         let model =
-            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name.to_owned()))?;
+            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name, SUPPORTED))?;
         let size =
             [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
         let parameters = (0..MODELS[model].1)
@@ -361,7 +352,8 @@ pub(crate) fn binary_cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, 
         let size = [bytes.u64()?, bytes.u64()?];
         let Some((_, number)) = MODELS.get(model) else {
             let other = model.checked_sub(MODELS.len()).and_then(|i| OTHERS.get(i));
-            return Err(unsupported(path, other.map_or_else(|| model.to_string(), |o| (*o).to_owned())));
+            let number = model.to_string();
+            return Err(unsupported(path, other.unwrap_or(&&*number), SUPPORTED));
         };
         let parameters = (0..*number).map(|_| bytes.f64()).collect::<Result<Vec<_>>>()?;
         cameras.insert(id, lens(path, || place.clone(), model, size, &parameters)?);
@@ -405,4 +397,50 @@ pub(crate) fn binary_points(path: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
         points.push((position, error, track));
     }
     Ok(points)
+}
+
+/// A point of a model that is written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapPoint {
+    /// Position in the world.
+    pub position: Point3<f64>,
+    /// Red, green, blue.
+    pub colour: [u8; 3],
+    /// Indices of the frames that show it, each with row and column.
+    pub seen: Vec<(usize, [usize; 2])>,
+}
+
+/// Names and texts of the files of a model, as [`read_colmap`] reads them; the frames have no distortion.
+pub fn colmap_text(frames: &[Frame], points: &[ColmapPoint]) -> [(&'static str, String); 3] {
+    let mut cameras = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, fx, fy, cx, cy\n");
+    let mut images =
+        String::from("# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; then (X, Y, POINT3D_ID)\n");
+    let mut cloud = String::from("# POINT3D_ID, X, Y, Z, R, G, B, ERROR, (IMAGE_ID, POINT2D_IDX)\n");
+    let mut seen = vec![Vec::new(); frames.len()];
+    for (id, point) in (1..).zip(points) {
+        let ([x, y, z], [r, g, b]) = (point.position.coords.into(), point.colour);
+        cloud += &format!("{id} {x:.6} {y:.6} {z:.6} {r} {g} {b} 0");
+        for &(frame, [row, column]) in &point.seen {
+            let Some(seen) = seen.get_mut(frame) else { continue };
+            cloud += &format!(" {} {}", frame + 1, seen.len());
+            seen.push(format!("{} {} {id}", column as f64 + HALF, row as f64 + HALF));
+        }
+        cloud.push('\n');
+    }
+    for (id, (frame, seen)) in (1..).zip(frames.iter().zip(seen)) {
+        let PinholeCamera { fx, fy, cx, cy, width, height } = frame.lens.camera;
+        cameras += &format!("{id} PINHOLE {width} {height} {fx} {fy} {} {}\n", cx + HALF, cy + HALF);
+        let (q, t) = (frame.pose.rotation, frame.pose.translation);
+        images += &format!("{id} {} {} {} {} {} {} {} {id} ", q.w, q.i, q.j, q.k, t.x, t.y, t.z);
+        images += &format!("{}\n{}\n", frame.photograph.display(), seen.join(" "));
+    }
+    [("cameras.txt", cameras), ("images.txt", images), ("points3D.txt", cloud)]
+}
+
+/// A map of a dense workspace, `[channels, height, width]`, as COLMAP's `Mat<float>`: sizes as text, then the values.
+pub fn colmap_map(map: ArrayView3<'_, f32>) -> Vec<u8> {
+    let (channels, height, width) = map.dim();
+    let mut bytes = format!("{width}&{height}&{channels}&").into_bytes();
+    bytes.extend(map.iter().flat_map(|value| value.to_le_bytes()));
+    bytes
 }

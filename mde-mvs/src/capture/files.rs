@@ -5,8 +5,8 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::{
-    Error, Lens, PixelCentres, PosedCapture, Result, content, read_colmap, read_transforms, read_tum,
-    read_tum_list,
+    Lens, PixelCentres, PosedCapture, Result, content, fault, missing, read_colmap, read_transforms,
+    read_tum, read_tum_list,
 };
 
 /// The files of a capture.
@@ -52,12 +52,6 @@ impl CaptureFiles {
         Ok(read_tum_list(&folder.join("rgb.txt"))?.into_iter().next().map(|(_, path)| path))
     }
 
-    /// Whether the files have no intrinsics.
-    #[must_use]
-    pub fn needs_lens(&self) -> bool {
-        matches!(self, Self::Tum(_))
-    }
-
     /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers. Pixel centres of a `transforms.json` are at
     /// halves, as nerfstudio and instant-ngp have them, unless its `pixel_centres` is `integers`.
     ///
@@ -83,16 +77,19 @@ impl PosedCapture {
     /// Index of the frame of a photograph.
     ///
     /// # Errors
-    /// [`Error::Foreign`] where the capture does not have it, [`Error::Photograph`] where it can't be read.
+    /// [`Error::Content`] where the capture does not have it, or it can't be read.
     pub fn position(&self, photograph: &Path) -> Result<usize> {
         if let Some(found) = self.unreadable.iter().find(|unreadable| same_file(unreadable, photograph)) {
-            return Err(Error::Photograph { path: photograph.to_owned(), photograph: found.clone() });
+            return Err(missing(photograph, found));
         }
         let found = self.frames.iter().position(|frame| same_file(&frame.photograph, photograph));
-        found.ok_or_else(|| Error::Foreign {
-            photograph: photograph.to_owned(),
-            frames: self.frames.len(),
-            some: self.frames.iter().take(3).map(|frame| frame.photograph.display().to_string()).collect(),
+        found.ok_or_else(|| {
+            let some = self.frames.iter().take(3).map(|frame| frame.photograph.display().to_string());
+            let (some, frames) = (some.collect::<Vec<_>>().join(", "), self.frames.len());
+            fault(
+                photograph,
+                format!("not a photograph of this capture; give one of its {frames}, such as {some}"),
+            )
         })
     }
 

@@ -96,6 +96,18 @@ impl Lens {
         Ok(())
     }
 
+    /// The fault of a photograph of another width and height than the camera.
+    pub(super) fn check_size(&self, found: [usize; 2]) -> Result<(), String> {
+        let (height, width) = self.camera.dim();
+        if found == [width, height] {
+            return Ok(());
+        }
+        Err(format!(
+            "the photograph is {}x{} pixels but its camera {width}x{height}; give the photograph that the camera was calibrated for",
+            found[0], found[1]
+        ))
+    }
+
     /// The pixel of the photograph (x: column, y: row) at which the pinhole camera's pixel appears.
     pub fn photograph_pixel(&self, pixel: Point2<f64>) -> Option<Point2<f64>> {
         let ray: Vector3<f64> = self.camera.ray(pixel);
@@ -107,12 +119,14 @@ impl Lens {
     /// where the pinhole camera's image extends beyond the photograph. Colours are bilinear.
     ///
     /// # Errors
-    /// [`Error::Size`] for a photograph of another size than the camera.
+    /// [`Error::Content`] for a photograph of another size than the camera.
     pub fn undistort(&self, photograph: ArrayView3<'_, f32>) -> Result<(Array3<f32>, Array2<bool>)> {
         let (h, w) = self.camera.dim();
-        let (found_height, found_width, channels) = photograph.dim();
-        if (found_height, found_width, channels) != (h, w, 3) {
-            return Err(Error::Size { found: [found_width, found_height], expected: [w, h] });
+        let (height, width, channels) = photograph.dim();
+        self.check_size([width, height]).map_err(Error::Content)?;
+        if channels != 3 {
+            let (found, expected) = (vec![height, width, channels], vec![h, w, 3]);
+            return Err(mde_warp::Error::Shape { what: "photograph", found, expected }.into());
         }
         if self.distortion.is_none() {
             return Ok((photograph.to_owned(), Array2::from_elem((h, w), true)));

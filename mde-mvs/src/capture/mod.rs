@@ -9,6 +9,7 @@
 //! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
 //! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
 //! photograph: a closure returns the width and height of each, or `None` for a missing one. [`CaptureFiles`] recognises the format.
+//! [`transforms_json`], [`colmap_text`] and [`colmap_map`] write these formats.
 
 mod colmap;
 mod error;
@@ -26,13 +27,16 @@ use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::ArrayView3;
 
-pub use colmap::{SparseDepths, read_colmap, read_colmap_depths};
+pub use colmap::{ColmapPoint, SparseDepths, colmap_map, colmap_text, read_colmap, read_colmap_depths};
 pub use error::{Error, Result};
+use error::{content, fault, missing};
 pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
 pub use tum::{read_tum, read_tum_list};
 
+/// From pixel centres at integers to those at halves.
+const HALF: f64 = 0.5;
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 30;
 /// Largest coordinate of a position, in the unit of the poses. Products of positions up to it are finite.
@@ -57,7 +61,7 @@ impl Frame {
     /// The view of a decoded photograph, sRGB in [0, 1], `[height, width, 3]`, without distortion.
     ///
     /// # Errors
-    /// [`Error::Size`] for a photograph of another size than the camera, [`Error::View`] for colours that are not finite.
+    /// [`Error::Content`] for a photograph of another size than the camera, [`Error::View`] for colours that are not finite.
     pub fn view(&self, photograph: ArrayView3<'_, f32>) -> Result<PosedView> {
         let (image, mask) = self.lens.undistort(photograph)?;
         Ok(PosedView::new(image, self.lens.camera, self.pose, mask, Vec::new())?)
@@ -90,16 +94,18 @@ pub struct PosedCapture {
 impl PosedCapture {
     fn checked(self, path: &Path) -> Result<Self> {
         if let (0 | 1, Some(photograph)) = (self.frames.len(), self.unreadable.first()) {
-            return Err(Error::Photograph { path: path.to_owned(), photograph: photograph.clone() });
+            return Err(missing(path, photograph));
         }
         if self.frames.len() < 2 {
-            return Err(Error::TooFew { path: path.to_owned(), found: self.frames.len() });
+            let problem = format!("{} photograph(s) with a pose; at least 2 are needed", self.frames.len());
+            return Err(fault(path, problem));
         }
         let centre = |f: &Frame| f.pose.inverse().translation.vector;
         let first = centre(&self.frames[0]);
         let reach = self.frames.iter().map(|f| (centre(f) - first).norm()).fold(0.0, f64::max);
         if reach <= 1e-9 * (1.0 + first.norm()) {
-            return Err(Error::NoParallax { path: path.to_owned() });
+            let problem = "all photographs were taken from one place, so that nothing has parallax; add some from other places";
+            return Err(fault(path, problem));
         }
         Ok(self)
     }
@@ -127,10 +133,6 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 
 fn read_text(path: &Path) -> Result<String> {
     String::from_utf8(read_bytes(path)?).map_err(|_| content(path, "text", "not UTF-8"))
-}
-
-fn content(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> Error {
-    Error::Content { path: path.to_owned(), place: place.into(), problem: problem.into() }
 }
 
 /// The rotation nearest to a matrix that is nearly a rotation.
@@ -176,10 +178,5 @@ fn translation(t: [f64; 3]) -> std::result::Result<Translation3<f64>, &'static s
 
 /// Checks that a photograph is of its camera's size.
 fn check_photograph(path: &Path, photograph: &Path, lens: &Lens, found: [usize; 2]) -> Result<()> {
-    let expected = [lens.camera.width, lens.camera.height];
-    if found == expected {
-        return Ok(());
-    }
-    let problem = Error::Size { found, expected }.to_string();
-    Err(content(path, photograph.display().to_string(), problem))
+    lens.check_size(found).map_err(|problem| content(path, photograph.display(), problem))
 }

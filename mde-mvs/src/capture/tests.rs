@@ -238,6 +238,35 @@ fn a_model_on_disk_is_found_in_either_form() {
 }
 
 #[test]
+fn a_model_comes_back_as_written() {
+    let mut frames = frames();
+    frames.iter_mut().for_each(|frame| frame.lens.distortion = Distortion::default());
+    let seen = vec![(2, [7, 5]), (0, [20, 31])];
+    let point = ColmapPoint { position: Point3::new(0.25, -1.5, 2.0), colour: [1, 2, 3], seen };
+    let text = colmap_text(&frames, &[point.clone(), ColmapPoint { seen: Vec::new(), ..point }]);
+    assert_eq!(text.each_ref().map(|file| file.0), ["cameras.txt", "images.txt", "points3D.txt"]);
+    let images = text[1].1.replace("shots/", "");
+    let read = from_text(&[text[0].1.clone(), images, text[2].1.clone()]).unwrap();
+    assert!(close(&read, &frames) && read.frames[0].lens == frames[0].lens);
+    assert_eq!(
+        (read.points[0].position, &*read.points[0].frames),
+        (Point3::new(0.25, -1.5, 2.0), &[0, 2][..])
+    );
+    // The place among a photograph's points, and the pixel with its centre at halves.
+    assert!(text[2].1.contains("\n1 0.250000 -1.500000 2.000000 1 2 3 0 3 0 1 0\n"), "{}", text[2].1);
+    let observed: Vec<_> = text[1].1.lines().skip(2).step_by(2).collect();
+    assert_eq!(observed, ["31.5 20.5 1", "", "5.5 7.5 1"]);
+}
+
+#[test]
+fn a_map_has_its_sizes_and_then_its_rows() {
+    let bytes = colmap_map(Array3::from_shape_fn((2, 3, 4), |(c, y, x)| (c * 12 + y * 4 + x) as f32).view());
+    let values = bytes.strip_prefix(b"4&3&2&").unwrap().chunks_exact(4);
+    let values: Vec<f32> = values.map(|value| f32::from_le_bytes(value.try_into().unwrap())).collect();
+    assert_eq!(values, (0..24_u8).map(f32::from).collect::<Vec<_>>());
+}
+
+#[test]
 fn a_photograph_s_sparse_depths_are_those_of_its_points() {
     let folder = folder("depths");
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();

@@ -5,9 +5,10 @@ use mde_warp::{PinholeCamera, Pose};
 use nalgebra::Matrix3;
 use serde_json::{Map, Value, json};
 
+use super::error::{no_pose, unsupported};
 use super::{
-    Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, read_text,
-    rotation, translation,
+    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content,
+    read_text, rotation, translation,
 };
 
 /// Models of a `transforms.json` that are read.
@@ -15,9 +16,6 @@ const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIM
 const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL";
 /// Extensions that are tried for a name without one.
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
-
-/// From pixel centres at integers to those at halves.
-const HALF: f64 = 0.5;
 
 /// Position of the first pixel's centre: 0, as everywhere in this workspace, or one half.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -130,18 +128,12 @@ impl Fields<'_> {
         let model = self.get("camera_model").map_or(Some("OPENCV"), Value::as_str).unwrap_or("?");
         let k4 = self.number("k4")?.unwrap_or(0.0);
         if fisheye || k4 != 0.0 || !MODELS.contains(&model) {
-            let model = if fisheye {
-                "is_fisheye"
-            } else if k4 != 0.0 {
-                "with k4"
-            } else {
-                model
+            let model = match (fisheye, k4 != 0.0) {
+                (true, _) => "is_fisheye",
+                (false, true) => "with k4",
+                (false, false) => model,
             };
-            return Err(Error::Model {
-                path: self.path.to_owned(),
-                model: model.to_owned(),
-                supported: SUPPORTED,
-            });
+            return Err(unsupported(self.path, model, SUPPORTED));
         }
         let pixels = |key: &str, found: usize| -> Result<usize> {
             let Some(x) = self.number(key)? else { return Ok(found) };
@@ -169,7 +161,7 @@ impl Fields<'_> {
             Some(f) => f,
             None => by_angle("camera_angle_y", height)?.unwrap_or(fx),
         };
-        let shift = if centres == PixelCentres::Halves { 0.5 } else { 0.0 };
+        let shift = if centres == PixelCentres::Halves { HALF } else { 0.0 };
         let middle = |key: &str, n: usize| -> Result<f64> {
             Ok(self.number(key)?.map_or(0.5 * (n as f64 - 1.0), |c| c - shift))
         };
@@ -196,15 +188,11 @@ impl Fields<'_> {
                 *entry = value.as_f64().filter(|x| x.is_finite()).ok_or_else(bad)?;
             }
         }
-        let wrong = |problem| Error::Rotation {
-            path: self.path.to_owned(),
-            photograph: photograph.to_owned(),
-            problem,
-        };
+        let wrong = no_pose(self.path, photograph);
         // OpenGL's y and z axes point against OpenCV's.
         let turned = Matrix3::from_fn(|r, c| if c == 0 { m[r][c] } else { -m[r][c] });
-        let rotation = rotation(&turned).map_err(wrong)?;
-        let translation = translation([m[0][3], m[1][3], m[2][3]]).map_err(wrong)?;
+        let rotation = rotation(&turned).map_err(&wrong)?;
+        let translation = translation([m[0][3], m[1][3], m[2][3]]).map_err(&wrong)?;
         Ok(Pose::from_parts(translation, rotation).inverse())
     }
 }

@@ -3,8 +3,9 @@ use std::str::SplitWhitespace;
 
 use mde_warp::Pose;
 
+use super::error::no_pose;
 use super::{
-    Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, quaternion, read_text,
+    Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, quaternion, read_text,
     translation,
 };
 
@@ -105,10 +106,9 @@ pub(super) fn parse(
             continue;
         };
         check_photograph(rgb, &photograph, lens, found)?;
-        let wrong =
-            |problem| Error::Rotation { path: truth.to_owned(), photograph: name.to_owned(), problem };
-        let rotation = quaternion([row[7], row[4], row[5], row[6]]).map_err(wrong)?;
-        let translation = translation([row[1], row[2], row[3]]).map_err(wrong)?;
+        let wrong = no_pose(truth, name);
+        let rotation = quaternion([row[7], row[4], row[5], row[6]]).map_err(&wrong)?;
+        let translation = translation([row[1], row[2], row[3]]).map_err(&wrong)?;
         let pose = Pose::from_parts(translation, rotation).inverse();
         capture.frames.push(Frame { photograph, lens: *lens, pose });
         if capture.frames.len() > MAX_FRAMES {

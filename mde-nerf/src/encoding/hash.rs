@@ -91,6 +91,11 @@ impl HashLayout {
         self.levels.iter().map(|l| l.rows * self.features).sum()
     }
 
+    /// Numbers of the largest level.
+    pub(crate) fn largest_level(&self) -> usize {
+        self.levels.iter().map(|l| l.rows * self.features).max().unwrap_or(0)
+    }
+
     /// Mutable slices per level of a vector with `width` entries per row of the table.
     pub(crate) fn split<'t, T>(&self, mut all: &'t mut [T], width: usize) -> Vec<&'t mut [T]> {
         self.levels

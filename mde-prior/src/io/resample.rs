@@ -1,6 +1,6 @@
 //! Resizing of float planes, as in the networks' own preprocessing.
 
-use ndarray::{Array2, ArrayView1, ArrayView2};
+use ndarray::{Array2, Array3, ArrayView1, ArrayView2, ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -48,6 +48,16 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
         out.iter_mut().zip(&columns).for_each(|(out, taps)| *out = taps.mean(&from));
     }
     tall(&narrow, &rows, size.1)
+}
+
+/// Resizes an image `[height, width, channels]` to `(height, width)` without aliases.
+#[must_use]
+pub fn shrink(image: ArrayView3<'_, f32>, (height, width): (usize, usize)) -> Array3<f32> {
+    let mut small = Array3::zeros((height, width, image.dim().2));
+    for (mut to, from) in small.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
+        to.assign(&resize(from, (height, width), Filter::BilinearAntialias));
+    }
+    small
 }
 
 /// The new rows, from rows that have the new width.

@@ -8,7 +8,7 @@ use mde_cli::mde_mvs::capture::CaptureFiles;
 use mde_cli::mde_prior::photo::image_size;
 use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
-use mde_cli::refiner::capture::{different, only, shorten};
+use mde_cli::refiner::capture::scene_of;
 use mde_cli::refiner::{Observer as _, Plan, Refiner};
 use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use mde_cli::scene::known::{KnownDepth, KnownDepths};
@@ -190,9 +190,7 @@ fn given(
     if !several {
         return Ok((Scene::one(photographs.remove(0)), plan));
     }
-    shorten(&mut photographs);
-    let kept = different(&photographs, &unreadable, watch)?;
-    Ok((Scene { unreadable, ..Scene::several(only(photographs, &kept), 0)? }, plan))
+    Ok((scene_of(photographs, unreadable, watch)?.0, plan))
 }
 
 /// Refuses an image that is none.

@@ -74,8 +74,9 @@ impl Outcome {
         let run = json(&RunRecord::<()>::new(about, &refined, &watch.training))?;
         let config = refined.config_toml(&settings.config)?;
         let (pictures, shown) = (refined.pictures(), refined.shown());
-        let Refined { refinement, stated, image, camera, field, .. } = refined;
-        let field = field.filter(|_| settings.keep_field).map(|field| field.lock().to_bytes()).transpose()?;
+        let Refined { refinement, stated, image, camera, .. } = refined;
+        let field = refinement.field.as_ref().filter(|_| settings.keep_field);
+        let field = field.and_then(|field| field.to_file());
         let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
         let evidence = evidence.iter().flat_map(|evidence| evidence.arrays());
         let evidence = evidence.map(|(name, map)| (name, map.to_owned())).collect();

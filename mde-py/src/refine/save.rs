@@ -3,6 +3,7 @@
 use crate::error::raise;
 use mde_cli::error::Result;
 use mde_cli::mde_prior::CertaintyMeaning;
+use mde_cli::mde_prior::format::DepthPng;
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -11,7 +12,6 @@ use mde_cli::output::export::Format;
 use mde_cli::output::files::{self, ResultFiles};
 use mde_cli::output::folder;
 use mde_cli::prior::origin::METRES;
-use mde_cli::refiner::depth_png::DepthPng;
 use mde_cli::several::cloud::RefinedView;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;

@@ -1,13 +1,13 @@
 //! Files for other programs.
 
-pub(super) mod colmap;
-pub mod colmap_dense;
+pub mod colmap;
 pub(super) mod glb;
-pub(super) mod layers;
 pub(super) mod ply;
 pub mod transforms;
 
 use crate::error::{Error, Result};
+use crate::several::cloud::RefinedView;
+use mde_mvs::capture::{Distortion, Frame, Lens};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -69,6 +69,12 @@ impl FromStr for Format {
 
 /// The photograph in a folder of results.
 pub(super) const IMAGE: &str = "image.png";
+
+/// A view as a frame of a capture, with its photograph in that file.
+fn frame(view: &RefinedView<'_>, photograph: PathBuf) -> Frame {
+    let lens = Lens { camera: view.camera, distortion: Distortion::default() };
+    Frame { photograph, lens, pose: view.pose }
+}
 
 /// A folder within another, made where it is missing.
 pub(super) fn subfolder(folder: &Path, name: &str) -> Result<PathBuf> {

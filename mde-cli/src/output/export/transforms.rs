@@ -1,40 +1,31 @@
 //! `transforms.json` of photographs with their depth, as nerfstudio's data parser reads it.
 
+use super::{IMAGE, frame};
 use crate::error::Result;
-use crate::output::export::IMAGE;
-use crate::refiner::depth_png::MILLIMETRES;
 use crate::several::cloud::RefinedView;
-use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
+use mde_mvs::capture::{Frame, transforms_json};
+use mde_prior::format::MILLIMETRES;
 use std::path::Path;
 
 /// Name of the file.
 pub const FILE: &str = "transforms.json";
 
 /// Cameras, poses, depths, sigmas and confidences. Depth is the PNG: nerfstudio takes thousandths of the poses' unit, in NumPy files too.
-///
-/// # Errors
-/// [`Error::Prior`](crate::error::Error::Prior) where the file can't be written.
-pub(crate) fn write(path: &Path, photographs: &[RefinedView<'_>]) -> Result<()> {
-    let file = |folder: &str, name: &str| match folder {
+pub(crate) fn write(path: &Path, views: &[RefinedView<'_>]) -> Result<()> {
+    let file = |view: &RefinedView<'_>, name: &str| match view.folder {
         "" => name.to_owned(),
-        _ => format!("{folder}/{name}"),
+        folder => format!("{folder}/{name}"),
     };
-    let frames: Vec<Frame> = photographs
-        .iter()
-        .map(|photograph| Frame {
-            photograph: file(photograph.folder, IMAGE).into(),
-            lens: Lens { camera: photograph.camera, distortion: Distortion::default() },
-            pose: photograph.pose,
-        })
-        .collect();
+    let frames: Vec<Frame> = views.iter().map(|view| frame(view, file(view, IMAGE).into())).collect();
     let text = transforms_json(&frames, Path::new(""), |index| {
-        let other = Some(photographs[index].png_scale).filter(|scale| *scale != MILLIMETRES);
+        let view = &views[index];
+        let other = Some(view.png_scale).filter(|scale| *scale != MILLIMETRES);
         [
             ("depth_file_path", "depth.png"),
             ("sigma_file_path", "sigma.npy"),
             ("confidence_file_path", "confidence.png"),
         ]
-        .map(|(key, name)| (key, file(photographs[index].folder, name)))
+        .map(|(key, name)| (key, file(view, name)))
         .into_iter()
         // nerfstudio's option of that name.
         .chain(other.map(|scale| ("depth_unit_scale_factor", scale.recip().to_string())))

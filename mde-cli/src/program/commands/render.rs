@@ -8,11 +8,10 @@ use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refinement::event::Event;
 use crate::refiner::Observer;
-use crate::refiner::depth_png::DepthPng;
 use crate::refiner::plan::render_bytes;
 use anyhow::{Context, Result, ensure};
 use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
-use mde_prior::format::write_npy;
+use mde_prior::format::{DepthPng, write_depth_png, write_npy};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
@@ -72,7 +71,7 @@ fn write_view(folder: &Path, number: &str, view: &RenderedView, png: &DepthPng) 
     write_image(folder.join(format!("colour{number}.png")), view.image.view())?;
     write_npy(folder.join(format!("depth{number}.npy")), view.depth.mean())?;
     write_npy(folder.join(format!("sigma{number}.npy")), view.depth.sigma().view())?;
-    png.write(&folder.join(format!("depth{number}.png")), view.depth.mean())?;
+    write_depth_png(folder.join(format!("depth{number}.png")), view.depth.mean(), png.unit, png.scale)?;
     Ok(write_rgb_png(folder.join(format!("preview{number}.png")), depth_picture(view.depth.mean()).view())?)
 }
 

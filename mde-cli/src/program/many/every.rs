@@ -1,7 +1,7 @@
 //! Every photograph of a capture refined. The files of all of them, such as the poses and one cloud, are written at the end.
 
 use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
-use crate::output::export::colmap_dense::{FOLDER as WORKSPACE, LIST};
+use crate::output::export::colmap::{FOLDER as WORKSPACE, LIST};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
@@ -16,12 +16,11 @@ use crate::program::report::{INDEX, every_page};
 use crate::program::store::folder::{OpenFolder, OutputFolder, RECORD};
 use crate::program::summary::intervals;
 use crate::refiner::Plan;
-use crate::refiner::depth_png::MILLIMETRES;
 use crate::scene::Scene;
 use crate::several::cloud::RefinedView;
 use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
-use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
+use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use ndarray::Array2;
 use serde_json::json;
 use std::fs;

@@ -16,10 +16,10 @@ use crate::program::store::folder::OutputFolder;
 use crate::program::workers::{caught, side_by_side};
 use crate::refiner::same_scale::{OneScale, groups_warning};
 use crate::refiner::{Observer, Plan, Refined, Refiner, Silent};
-use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::Result;
 use mde_prior::photo::{decode_image, write_image};
+use mde_prior::resample::shrink;
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -94,7 +94,8 @@ impl Common<'_> {
 
     /// Everything that the results depend on, the photograph by its content.
     fn made_from(&self, item: &Item, bytes: &[u8]) -> String {
-        let same_scale = item.same_scale.map(|found| found.key());
+        // Without the group, which changes with other photographs.
+        let same_scale = item.same_scale.map(|found| (found.factor, found.log_sigma, found.photographs));
         format!("{} {:08x} {} {same_scale:?}", self.settings, crc32fast::hash(bytes), bytes.len())
     }
 
@@ -163,14 +164,14 @@ fn thumbnail(refined: &Refined<'_>) -> Result<Array3<f32>> {
     let (rows, columns, _) = refined.image.dim();
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
-        |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
+        |picture: ArrayView3<'_, u8>| shrink(picture.mapv(|v| f32::from(v) / 255.0).view(), (HEIGHT, width));
     let depth = &refined.refinement.depth;
     let relative = ndarray::Zip::from(depth.mean())
         .and(&depth.sigma())
         .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });
     let range = usual_range(relative.iter());
     let parts = [
-        resized(refined.image, width, HEIGHT),
+        shrink(refined.image, (HEIGHT, width)),
         small(depth_picture(depth.mean()).view()),
         small(sigma_picture_within(relative.view(), range).view()),
     ];

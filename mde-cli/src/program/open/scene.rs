@@ -4,7 +4,7 @@ use crate::program::args::CameraArgs;
 use crate::program::open::photographs::existing;
 use crate::program::open::settings::{camera, given_camera};
 use crate::program::progress::Progress;
-use crate::refiner::capture::{different, only, shorten};
+use crate::refiner::capture::scene_of;
 use crate::refiner::{Observer, Plan, Refiner, Unit};
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, bail, ensure};
@@ -103,10 +103,9 @@ pub(crate) fn unposed(
             Err(error) => return Err(error.into()),
         }
     }
-    shorten(&mut photographs);
-    let kept = different(&photographs, &unreadable, progress)?;
-    let scene = Scene { unreadable, ..Scene::several(only(photographs, &kept), 0)? };
-    Ok((scene, plan, only(read, &kept)))
+    let (scene, kept) = scene_of(photographs, unreadable, progress)?;
+    let read = read.into_iter().zip(kept).filter(|(_, kept)| *kept).map(|(path, _)| path);
+    Ok((scene, plan, read.collect()))
 }
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.

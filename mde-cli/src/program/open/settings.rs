@@ -1,6 +1,6 @@
 //! Settings and threads.
 
-use crate::config::{Config, Preset, Shorthands};
+use crate::config::{Config, Preset};
 use crate::output::export::Format;
 use crate::program::args::{
     CameraArgs, MemoryArgs, PresetArgs, RefinementArgs, ResultArgs, SettingsArgs, SizeArgs,
@@ -45,7 +45,7 @@ pub(crate) fn all_settings(
 ) -> Result<Settings> {
     let mut settings = settings(&args.preset, memory, usual)?;
     let &SettingsArgs { seed, no_nerf, predictions, depth_range, .. } = args;
-    Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut settings.config)?;
+    settings.config = settings.config.with(seed, no_nerf, predictions, depth_range)?;
     settings.error_bar = ErrorBar::open(results.interval, results.calibration.as_deref())?;
     settings.keep_field = results.export.contains(&Format::Field);
     settings.exports = !results.export.is_empty();

@@ -6,11 +6,11 @@ use crate::program::report::encode::{self, WIDEST, gradients, photograph, photog
 use crate::program::report::{page, read_json, read_text};
 use crate::program::store::folder::RECORD;
 use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
-use crate::scene::size::{resized, within};
+use crate::scene::size::within;
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
-use mde_prior::resample::nearest;
+use mde_prior::resample::{nearest, shrink};
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -77,7 +77,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     maps.extend(truth);
     let maps: BTreeMap<_, _> = maps.into_par_iter().map(embedded).collect::<Result<_>>()?;
     let (sigma_o, common, prior_sigma) = prior_sigma(&config, &record);
-    let small = resized(image.pixels.view(), width, height);
+    let small = shrink(image.pixels.view(), size);
     let present = |name: &str| name == super::FILE || folder.join(name).exists();
     let files: Vec<Value> = FILES
         .iter()

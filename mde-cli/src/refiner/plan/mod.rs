@@ -5,46 +5,40 @@ pub mod limit;
 
 use crate::config::{Config, NovelViews, RefinementConfig};
 use mde_mvs::consensus::sweeps_bytes;
-use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
+use mde_nerf::RenderConfig;
 
+/// Bytes of a mebibyte.
+const MIB: f64 = (1 << 20) as f64;
 /// The program, its threads' tiles and what it allocates at any image size.
-const BASE: u64 = 64 << 20;
+const BASE: f64 = 64.0 * MIB;
 /// The same for an evaluation: memory that threads keep after a scene differs by 10 MiB from run to run.
-const EVALUATION: u64 = 80 << 20;
+const EVALUATION: f64 = 80.0 * MIB;
 /// The same for the refinement of one photograph: on two threads 17 to 20 MiB, and for each further one a few.
-const PROGRAM: u64 = 40 << 20;
+const PROGRAM: f64 = 40.0 * MIB;
 /// Bytes per pixel for the image, the prior, the maps and a stage's temporary buffers.
-const PIXEL: u64 = 220;
+const PIXEL: f64 = 220.0;
 /// Bytes per pixel and training view: colours, mask, depth, variance, the list of trainable pixels.
-const VIEW: u64 = 25;
+const VIEW: f64 = 25.0;
 /// Bytes per pixel and rendered view: depth and variance, before and after reprojection.
-const RENDERED: u64 = 16;
-/// Groups of rays that sum their gradients and keep their activations, and the points of one of their tiles; as in `mde-nerf`.
-const GROUPS: u64 = 16;
-const TILE_POINTS: u64 = 1024;
-/// Copies of a network's parameters: itself, its transpose, two moments, an average, a sum of gradients, two for what vectors hold in
-/// reserve; and a gradient per group.
-const NETWORK_COPIES: u64 = 8 + GROUPS;
-/// Bytes of a sample's position, kept with its gradients until the end of a step.
-const POSITION: u64 = 12;
+const RENDERED: f64 = 16.0;
 /// Bytes per pixel and photograph of a capture: colours and mask, which views share, and the prior.
-const PHOTOGRAPH: u64 = 13 + 4;
+const PHOTOGRAPH: f64 = 13.0 + 4.0;
 /// Bytes per pixel of a photograph whose features are searched for: scale spaces at twice its size.
-const FEATURES: u64 = 230;
+const FEATURES: f64 = 230.0;
 /// Bytes per pixel of an evaluated scene: image, truth, prior.
-const SCENE: u64 = 60;
+const SCENE: f64 = 60.0;
 /// Bytes per pixel of the temporary buffers of the scores or of a baseline.
-const SCORES: u64 = 450;
+const SCORES: f64 = 450.0;
 /// Bytes per pixel and method: its maps, until the scene is scored.
-const METHOD: u64 = 8;
+const METHOD: f64 = 8.0;
 /// Bytes per pixel of a view that a shared field rendered: colours, depth, variance, opacity.
-const SHARED_VIEW: u64 = 24;
+const SHARED_VIEW: f64 = 24.0;
 
 /// Upper bound of the bytes that [`refine`](crate::refinement::refine) needs for an image of that many pixels; measured, it is 1 to 1.25 times
 /// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
 /// included; [`inference::PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
-    PROGRAM.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
+    (PROGRAM + pixels as f64 * pixel_bytes(config) + config.nerf.fit_bytes()) as u64
 }
 
 /// Estimate of the bytes that [`refine_several`](crate::several::refine_several) needs for that many photographs of that many pixels on that
@@ -52,35 +46,30 @@ pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
 /// inference of a network of 5 MB. What the fit copies takes memory that the sweeps have freed.
 pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config) -> u64 {
     let used = photographs.min(config.multi_view.max_views as u64);
-    let held = PHOTOGRAPH.saturating_mul(photographs);
-    let features = FEATURES.saturating_mul(threads.min(photographs));
-    let sweeps = sweeps_bytes(pixels, photographs, used);
-    let stage = match config.refinement.iterations {
-        0 => sweeps,
-        _ => sweeps.max(field_bytes(config)),
-    };
-    BASE.saturating_add(pixels.saturating_mul(held.saturating_add(features))).saturating_add(stage)
+    let sweeps = sweeps_bytes(pixels, photographs, used) as f64;
+    let fit = if config.refinement.iterations > 0 { config.nerf.fit_bytes() } else { 0.0 };
+    let pixel = PHOTOGRAPH * photographs as f64 + FEATURES * threads.min(photographs) as f64;
+    (BASE + pixels as f64 * pixel + sweeps.max(fit)) as u64
 }
 
 /// Bytes per pixel of a refinement.
-fn pixel_bytes(config: &Config) -> u64 {
-    let views = (config.views.count as u64).saturating_add(1);
-    PIXEL.saturating_add(VIEW.saturating_mul(views)).saturating_add(RENDERED.saturating_mul(rendered(config)))
+fn pixel_bytes(config: &Config) -> f64 {
+    PIXEL + VIEW * (config.views.count as f64 + 1.0) + RENDERED * rendered(config)
 }
 
 /// Views that a field renders.
-fn rendered(config: &Config) -> u64 {
-    (config.novel.count as u64).max(1)
+fn rendered(config: &Config) -> f64 {
+    config.novel.count.max(1) as f64
 }
 
 /// Upper bound of the memory of an evaluation, by the size of the scenes; measured, it is 1.1 to 2 times the real peak. The memory
 /// of the prior's own inference is not included.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub struct SceneMemory {
     /// Bytes per pixel.
-    pixel: u64,
+    pixel: f64,
     /// Bytes at any size.
-    fixed: u64,
+    fixed: f64,
 }
 
 impl SceneMemory {
@@ -88,25 +77,19 @@ impl SceneMemory {
     /// With `share_fields` the fields of a scene are kept until the scene is done.
     pub fn new(methods: &[Option<Config>], share_fields: bool) -> Self {
         let loops = || methods.iter().flatten();
-        let most = |bytes: fn(&Config) -> u64| loops().map(bytes).max().unwrap_or(0);
-        let mut pixel = SCENE
-            .saturating_add(most(pixel_bytes).max(SCORES))
-            .saturating_add(METHOD.saturating_mul(methods.len() as u64));
-        let mut fixed = most(field_bytes);
+        let most = |bytes: fn(&Config) -> f64| loops().map(bytes).fold(0.0, f64::max);
+        let mut pixel = SCENE + most(pixel_bytes).max(SCORES) + METHOD * methods.len() as f64;
+        let mut fixed = most(|config| config.nerf.fit_bytes());
         if share_fields {
-            let fits = distinct(loops(), fit_part);
-            fixed = fits.iter().fold(fixed, |sum, fit| sum.saturating_add(parameters(&fit.nerf.field) * 4));
-            for renders in distinct(loops(), render_part) {
-                pixel = pixel.saturating_add(SHARED_VIEW.saturating_mul(rendered(&renders)));
-            }
+            fixed += distinct(loops(), fit_part).iter().map(|fit| fit.nerf.field.bytes()).sum::<f64>();
+            pixel += SHARED_VIEW * distinct(loops(), render_part).iter().map(rendered).sum::<f64>();
         }
         Self { pixel, fixed }
     }
 
     /// Upper bound of the bytes for `scenes` scenes of that many pixels at once.
     pub fn bytes(&self, pixels: u64, scenes: u64) -> u64 {
-        let scene = pixels.saturating_mul(self.pixel).saturating_add(self.fixed);
-        EVALUATION.saturating_add(scene.saturating_mul(scenes))
+        (EVALUATION + scenes as f64 * (pixels as f64 * self.pixel + self.fixed)) as u64
     }
 }
 
@@ -137,73 +120,7 @@ fn fit_part(config: &Config) -> Config {
 
 /// Upper bound of the bytes for rendering `views` views of that many pixels.
 pub fn render_bytes(pixels: u64, views: u64) -> u64 {
-    BASE.saturating_add(pixels.saturating_mul(64 + 24 * views))
-}
-
-/// Bytes of a field and its fit, which depend on the rays of a step and not on the image.
-fn field_bytes(config: &Config) -> u64 {
-    let (nerf, field) = (&config.nerf, &config.nerf.field);
-    let per_ray =
-        [nerf.sampling.coarse, nerf.sampling.band, nerf.sampling.fine].iter().map(|n| *n as u64).sum::<u64>();
-    let rays = nerf.train.rays as u64;
-    let (mlp, activations) = match field {
-        FieldConfig::Mlp(f) => {
-            (parameters(field), 2 * (3 + 6 * f.frequencies as u64) + (f.layers as u64 + 2) * f.width as u64)
-        }
-        FieldConfig::Hash(f) => {
-            let features = (f.levels * f.features) as u64;
-            (parameters(field) - table(f), 2 * features + (f.layers as u64 + 2) * f.width as u64)
-        }
-    };
-    // A tile is at least one ray.
-    let points = TILE_POINTS.max(per_ray).min(rays.div_ceil(GROUPS).saturating_mul(per_ray));
-    let network = NETWORK_COPIES.saturating_mul(4 * mlp);
-    let active = GROUPS.saturating_mul(points).saturating_mul(4 * activations);
-    let grid = match field {
-        FieldConfig::Mlp(_) => 0,
-        FieldConfig::Hash(f) => {
-            let (features, table) = (f.features as u64, table(f));
-            // The grid, its average, the first moment, and the second, one number a row.
-            let kept = (3 * table).saturating_add(table / features.max(1));
-            let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
-            let scratch = largest_level(f).saturating_mul(threads.min(f.levels as u64));
-            let samples = rays.saturating_mul(per_ray);
-            let of_samples = samples.saturating_mul(POSITION + 4 * features * f.levels as u64);
-            kept.saturating_add(scratch).saturating_mul(4).saturating_add(of_samples)
-        }
-    };
-    network.saturating_add(active).saturating_add(grid)
-}
-
-/// Numbers of a field.
-fn parameters(field: &FieldConfig) -> u64 {
-    let network = |input: u64, layers: usize, width: usize| {
-        let (layers, width) = (layers as u64, width as u64);
-        input * width + layers.saturating_sub(1) * width.pow(2) + 4 * width
-    };
-    match field {
-        FieldConfig::Mlp(f) => network(3 + 6 * f.frequencies as u64, f.layers, f.width),
-        FieldConfig::Hash(f) => network((f.levels * f.features) as u64, f.layers, f.width) + table(f),
-    }
-}
-
-/// Rows of the levels of a hash grid: its corners, or as many columns as `log2-rows` allows.
-fn rows(field: &HashFieldConfig) -> impl Iterator<Item = u64> {
-    let (coarsest, finest) = (f64::from(field.coarsest), f64::from(field.finest));
-    let growth = (finest / coarsest).powf(1.0 / (field.levels.max(2) - 1) as f64);
-    let most = 1_u64 << field.log2_rows.min(32);
-    (0..field.levels).map(move |level| {
-        let cells = (coarsest * growth.powi(level as i32)) as u64;
-        cells.saturating_add(1).saturating_pow(3).min(most + cells)
-    })
-}
-
-fn table(field: &HashFieldConfig) -> u64 {
-    rows(field).sum::<u64>().saturating_mul(field.features as u64)
-}
-
-fn largest_level(field: &HashFieldConfig) -> u64 {
-    rows(field).max().unwrap_or(0).saturating_mul(field.features as u64)
+    (BASE + pixels as f64 * (64.0 + 24.0 * views as f64)) as u64
 }
 
 /// The largest number of pixels for which `bytes` stays within `bound`; `None` where one pixel is too many.
@@ -244,7 +161,7 @@ mod tests {
         // Of a long capture, those whose sweeps are not kept are held only, with their small ones.
         let more = |n| bytes(pixels, n + 1, 2) - bytes(pixels, n, 2);
         assert!(more(8) < more(7) && more(24) < more(8));
-        assert_eq!(more(80), PHOTOGRAPH * pixels + 17 * 160 * 160);
+        assert_eq!(more(80), PHOTOGRAPH as u64 * pixels + 17 * 160 * 160);
         assert_eq!(bytes(u64::MAX, 5, 2), u64::MAX);
     }
 
@@ -259,7 +176,7 @@ mod tests {
         assert!(one > refine_bytes(640 * 480, &full) && one > bytes(&[None, Some(few.clone())], false));
         assert!(bytes(&[None, Some(few), Some(full.clone())], false) > one);
         let memory = SceneMemory::new(&[None, Some(full.clone())], false);
-        assert_eq!(memory.bytes(640 * 480, 3) - one, 2 * (one - EVALUATION));
+        assert_eq!(memory.bytes(640 * 480, 3) - one, 2 * (one - EVALUATION as u64));
         assert_eq!(memory.bytes(u64::MAX, 2), u64::MAX);
         // A fusion's settings need no field of their own; another seed does.
         let mut fused = full.clone();

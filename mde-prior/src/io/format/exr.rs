@@ -1,10 +1,10 @@
-//! OpenEXR with one channel of depth.
+//! OpenEXR: one channel of depth is read, maps are written.
 
 use std::io::Cursor;
 
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData,
-    ReadChannels as _, ReadLayers as _, SmallVec, WritableImage as _, read,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    LineOrder, MetaData, ReadChannels as _, ReadLayers as _, WritableImage as _, read,
 };
 use ndarray::{Array2, ArrayView2};
 
@@ -60,12 +60,22 @@ fn check_header(bytes: &[u8]) -> Parsed<()> {
     Ok(())
 }
 
-pub(super) fn encode(map: ArrayView2<'_, f32>) -> Parsed<Vec<u8>> {
-    let (height, width) = map.dim();
-    let samples = FlatSamples::F32(map.iter().copied().collect());
-    let channels = AnyChannels::sort(SmallVec::from_iter([AnyChannel::new("Z", samples)]));
-    let layer =
-        Layer::new((width, height), LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
+pub(super) fn encode(channels: &[(&str, ArrayView2<'_, f32>)]) -> Parsed<Vec<u8>> {
+    let (height, width) = channels.first().map(|(_, map)| map.dim()).unwrap_or_default();
+    if channels.iter().any(|(_, map)| map.dim() != (height, width)) {
+        return Err("the channels are of different sizes; give maps of one size".to_owned());
+    }
+    let channel = |(name, map): &(&str, ArrayView2<'_, f32>)| {
+        AnyChannel::new(*name, FlatSamples::F32(map.iter().copied().collect()))
+    };
+    let channels = AnyChannels::sort(channels.iter().map(channel).collect());
+    // Scan lines from top to bottom and ZIP: every reader has them.
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new((width, height), LayerAttributes::default(), encoding, channels);
     let mut bytes = Cursor::new(Vec::new());
     Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).map_err(|e| e.to_string())?;
     Ok(bytes.into_inner())

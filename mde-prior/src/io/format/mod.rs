@@ -11,12 +11,15 @@
 //! [`read_depth`] returns depths, 0 = missing; [`read_values`] returns the values unchanged and refuses NaN. Writing is atomic.
 //! Sizes in headers are checked against the file before memory is allocated.
 
+mod depth_png;
 mod exr;
 mod npy;
 mod npz;
 mod pfm;
 mod png;
 mod png_text;
+
+pub use depth_png::{CONFIDENCE_FORMULA, DepthPng, confidence};
 
 use std::path::Path;
 
@@ -31,7 +34,7 @@ use crate::{Error, Result};
 pub(crate) const MAX_PIXELS: usize = 1 << 27;
 
 /// Steps per metre of a PNG that has no other scale.
-const MILLIMETRES: f64 = 1000.0;
+pub const MILLIMETRES: f64 = 1000.0;
 
 /// A parser's result: the map, or the reason and remedy (the caller names the file).
 type Parsed<T> = std::result::Result<T, String>;
@@ -206,7 +209,7 @@ pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<(
         Format::Npy => Ok(npy::encode(map)),
         Format::Npz => npz::encode(&[("depth", map)]),
         Format::Pfm => Ok(pfm::encode(map)),
-        Format::Exr => exr::encode(map),
+        Format::Exr => exr::encode(&[("Z", map)]),
     };
     write(path, bytes)
 }
@@ -233,6 +236,16 @@ pub fn write_npz(path: impl AsRef<Path>, arrays: &[(&str, ArrayView2<'_, f32>)])
     let path = path.as_ref();
     arrays.iter().try_for_each(|(_, map)| check_map(path, *map))?;
     write(path, npz::encode(arrays))
+}
+
+/// Writes named `f32` maps of one size as the channels of an OpenEXR file, bit-exact.
+///
+/// # Errors
+/// See [`write_depth`].
+pub fn write_exr(path: impl AsRef<Path>, channels: &[(&str, ArrayView2<'_, f32>)]) -> Result<()> {
+    let path = path.as_ref();
+    channels.iter().try_for_each(|(_, map)| check_map(path, *map))?;
+    write(path, exr::encode(channels))
 }
 
 /// Writes depths as a 16-bit grey PNG, round(depth · scale), 0 = missing; the error is at most 1 / (2 scale). A positive

@@ -1,7 +1,9 @@
 //! A prior for one photograph.
 
 use crate::error::Result;
+use crate::prior::OpenPrior;
 use crate::prior::origin::PriorOrigin;
+use crate::scene::Photograph;
 use mde_prior::{DepthPrior, InferenceMemory, PriorDepth};
 use ndarray::{Array3, ArrayView3};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,9 +13,9 @@ use std::time::Instant;
 const SAME_ASPECT: f64 = 0.02;
 
 /// A prior for one photograph: a map at the size of its refinement, a network with the metres that its focal length gives.
-pub(crate) struct PhotographPrior<'p> {
+pub(super) struct PhotographPrior<'p> {
     prior: &'p dyn DepthPrior,
-    origin: PriorOrigin,
+    pub(super) origin: PriorOrigin,
     /// Focal length / width, where it is known.
     focal: Option<f64>,
     /// A map at another size.
@@ -23,62 +25,45 @@ pub(crate) struct PhotographPrior<'p> {
 }
 
 impl<'p> PhotographPrior<'p> {
-    /// A prior as it is.
-    pub(crate) fn new(prior: &'p dyn DepthPrior, origin: &PriorOrigin) -> Self {
-        Self { prior, origin: origin.clone(), focal: None, resampled: None, nanoseconds: AtomicU64::new(0) }
-    }
-
-    /// The same with a map of the size `from`, which is resampled for a photograph of `original` pixels that is refined at `to`, all
-    /// `(height, width)`: where it has the photograph's aspect. A warning of it goes to `warn`.
+    /// For a photograph of that focal length / width, where it is known: a network whose metres depend on it has some only then. A map of
+    /// the photograph's aspect is resampled to its size; a warning of that goes to `warn`.
     ///
     /// # Errors
     /// [`Error::Prior`](crate::error::Error::Prior) where nothing of the map is left.
-    pub(crate) fn resampled(
-        mut self,
-        from: (usize, usize),
-        original: (usize, usize),
-        to: (usize, usize),
+    pub(super) fn new(
+        open: &'p OpenPrior<'p>,
+        photograph: &Photograph,
+        focal: Option<f64>,
         warn: &mut dyn FnMut(String),
     ) -> Result<Self> {
+        let (prior, origin) = (open.prior(), open.origin().at_focal(focal));
+        let (original, to) = (photograph.original, photograph.size());
+        let from = open.size.unwrap_or(original);
         let aspect = |(height, width): (usize, usize)| width as f64 / height as f64;
-        if from == to || (aspect(from) / aspect(original) - 1.0).abs() > SAME_ASPECT {
-            return Ok(self);
+        let is_alike = (aspect(from) / aspect(original) - 1.0).abs() <= SAME_ASPECT;
+        let mut resampled = None;
+        if !prior.accepts_new_images() && from != to && is_alike {
+            if from != original {
+                let ((h, w), (height, width), source) = (from, to, &origin.source);
+                warn(format!(
+                    "{source}: resized from {w}x{h} to {width}x{height} pixels, each the nearest one; make the prior at the image's size for its edges"
+                ));
+            }
+            // A map depends on the size alone.
+            let blank = Array3::zeros((from.0, from.1, 3));
+            resampled = Some(prior.predict(blank.view())?.resized(to)?);
         }
-        if from != original {
-            let ((h, w), (height, width), source) = (from, to, &self.origin.source);
-            warn(format!(
-                "{source}: resized from {w}x{h} to {width}x{height} pixels, each the nearest one; make the prior at the image's size for its edges"
-            ));
-        }
-        // A map depends on the size alone.
-        let blank = Array3::zeros((from.0, from.1, 3));
-        self.resampled = Some(self.prior.predict(blank.view())?.resized(to)?);
-        Ok(self)
-    }
-
-    /// The same for photographs of that focal length / width, where it is known: a network whose metres depend on it has some only then.
-    /// The time of its predictions begins anew.
-    #[must_use]
-    pub(crate) fn at_focal(mut self, focal: Option<f64>) -> Self {
-        self.origin = self.origin.at_focal(focal);
-        self.focal = focal;
-        self.nanoseconds = AtomicU64::new(0);
-        self
+        Ok(Self { prior, origin, focal, resampled, nanoseconds: AtomicU64::new(0) })
     }
 
     /// Seconds of the predictions since they were taken last.
-    pub(crate) fn seconds(&self) -> f64 {
+    pub(super) fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
     }
 
     /// These seconds, which begin anew.
-    pub(crate) fn take_seconds(&self) -> f64 {
+    pub(super) fn take_seconds(&self) -> f64 {
         self.nanoseconds.swap(0, Ordering::Relaxed) as f64 * 1e-9
-    }
-
-    /// Where the predictions come from.
-    pub(crate) fn origin(&self) -> &PriorOrigin {
-        &self.origin
     }
 }
 

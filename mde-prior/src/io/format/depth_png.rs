@@ -1,32 +1,34 @@
-//! The maps of a run in PNGs of 16 bits: `depth.png` and `confidence.png`.
+//! What the PNG files of a result hold: the scale of a depth, and the confidence.
 
-use crate::error::Result;
-use crate::prior::origin::METRES;
-use mde_prior::format::{write_confidence_png, write_depth_png};
+use super::MILLIMETRES;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::normal::erf;
 use mde_uncertainty::statistics::median;
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Zip};
+use serde::Serialize;
 use std::f64::consts::FRAC_1_SQRT_2;
-use std::path::Path;
 
-/// Steps per unit: millimetres for metres.
-pub const MILLIMETRES: f64 = 1000.0;
+/// The unit of metric depth.
+const METRES: &str = "m";
 /// Least steps of the median depth in an unknown unit.
 const FEWEST_STEPS: f64 = 100.0;
 /// Error whose probability the confidence states, as a share of the depth.
 const WITHIN: f64 = 0.1;
 /// How the confidence follows from depth and sigma.
-const FORMULA: &str = "erf(0.1 depth / (sqrt(2) sigma)), the probability of an error below 10 % of the depth";
+pub const CONFIDENCE_FORMULA: &str =
+    "erf(0.1 depth / (sqrt(2) sigma)), the probability of an error below 10 % of the depth";
 
-/// Unit and scale of `depth.png`.
-#[derive(Debug, Clone, Copy)]
+/// Unit and scale of a PNG of depths.
+#[derive(Debug, Clone, Copy, Serialize)]
 pub struct DepthPng {
     /// Name of the unit.
+    #[serde(skip)]
     pub unit: &'static str,
     /// Value = depth times this.
+    #[serde(rename = "png_scale")]
     pub scale: f64,
     /// Number of pixels whose depth does not fit, and that are missing in the file.
+    #[serde(rename = "png_missing_pixels")]
     pub beyond: usize,
 }
 
@@ -53,27 +55,10 @@ impl DepthPng {
             )
         })
     }
-
-    /// Writes the depths `[height, width]`, those beyond as missing.
-    ///
-    /// # Errors
-    /// Those of [`write_depth_png`].
-    pub fn write(&self, path: &Path, depth: ArrayView2<'_, f32>) -> Result<()> {
-        write_depth_png(path, depth, self.unit, self.scale)?;
-        Ok(())
-    }
-}
-
-/// Writes the probability of an error below a tenth of the depth, if errors are normally distributed.
-///
-/// # Errors
-/// Those of [`write_confidence_png`].
-pub fn write_confidence(path: &Path, depth: &GaussianDepth) -> Result<()> {
-    Ok(write_confidence_png(path, confidence(depth).view(), FORMULA)?)
 }
 
 /// The probability of an error below a tenth of the depth, if errors are normally distributed; 0 where depth is missing.
-fn confidence(depth: &GaussianDepth) -> Array2<f32> {
+pub fn confidence(depth: &GaussianDepth) -> Array2<f32> {
     Zip::from(depth.mean()).and(depth.variance()).map_collect(|&depth, &variance| {
         if depth <= 0.0 || variance.is_infinite() {
             return 0.0;
