@@ -4,11 +4,11 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use mde_mvs::poses::{self, Track, Verdict, estimate_poses, refine_poses};
+use mde_mvs::poses::{self, Verdict, estimate_poses, refine_poses};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Point2};
 use ndarray::Array2;
 
 /// The photographs with a pose, in the frame of the capture's reference.
@@ -73,7 +73,7 @@ pub(super) fn posed(
             report.fallback = Some(report.verdicts(reference));
             return Ok(None);
         }
-        unit = unit_of(&refined.tracks, reference, priors[reference].as_ref());
+        unit = unit_of(&refined.depths, priors[reference].as_ref());
         for index in (0..found.len()).filter(|&index| refined.verdicts[index].has_pose()) {
             found[index] = Some((inputs[index].camera, refined.poses[index], refined.covariances[index]));
         }
@@ -104,14 +104,12 @@ pub(super) fn posed(
     Ok(Some(posed))
 }
 
-/// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.
-fn unit_of(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
+/// The robust factor from the reference's prior to its depths by matches; 1 without any.
+fn unit_of(depths: &[(Point2<f64>, f64)], prior: Option<&Array2<f32>>) -> f64 {
     let Some(prior) = prior else { return 1.0 };
-    let logs = tracks.iter().filter_map(|track| {
-        let anchor = track.pixels.first().filter(|pixel| pixel.photograph == reference)?;
-        let [row, column] = [anchor.pixel.y.round() as usize, anchor.pixel.x.round() as usize];
-        let depth = *prior.get((row, column)).filter(|z| **z > 0.0)?;
-        (track.depth > 0.0).then(|| (track.depth / f64::from(depth)).ln())
+    let logs = depths.iter().filter_map(|(pixel, depth)| {
+        let known = *prior.get((pixel.y.round() as usize, pixel.x.round() as usize)).filter(|z| **z > 0.0)?;
+        (*depth > 0.0).then(|| (depth / f64::from(known)).ln())
     });
     median(logs).map_or(1.0, f64::exp)
 }

@@ -1,9 +1,9 @@
 use super::*;
 use crate::synthetic::{Plane, pose_at, render};
 use mde_uncertainty::random::CounterRng;
-use mde_warp::{PinholeCamera, Pose};
+use mde_warp::PinholeCamera;
 use nalgebra::{DMatrix, DVector};
-use ndarray::Array3;
+use ndarray::{Array2, Array3};
 use proptest::prelude::*;
 use rand::RngExt;
 
@@ -206,7 +206,7 @@ fn factors_of_rendered_photographs_are_found() {
         .collect();
     let (elsewhere, depth) = photograph(pose_at([0.0, 40.0, 0.0], [0.0; 3]));
     shots.push(prepared(&elsewhere, &depth));
-    assert!(shots.iter().all(|shot| shot.features() > 200));
+    assert!(shots.iter().all(|shot| shot.0.features.keypoints.len() > 200));
 
     let mut found = Vec::new();
     for first in 0..shots.len() {
