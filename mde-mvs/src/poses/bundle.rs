@@ -220,13 +220,12 @@ impl Cameras {
         let onto = Matrix2x3::new(f.x * w, 0.0, -f.x * x * w, 0.0, f.y * w, -f.y * y * w) / lens.noise;
 
         let inverse_depth = track.inverse_depth;
-        let mut view_part = SMatrix::<f64, 3, 6>::zeros();
-        view_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * inverse_depth));
-        view_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&-point.cross_matrix());
-        let mut anchor_part = SMatrix::<f64, 3, 6>::zeros();
-        anchor_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-rotation * inverse_depth));
-        anchor_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&(rotation * ray.cross_matrix()));
-
+        let part = |moved: Matrix3<f64>, turned: Matrix3<f64>| {
+            let mut part = Matrix2x6::zeros();
+            part.fixed_columns_mut::<3>(0).copy_from(&(onto * moved));
+            part.fixed_columns_mut::<3>(3).copy_from(&(onto * turned));
+            part
+        };
         let mut focal = Vector2::zeros();
         if lens.assumed {
             focal += (at - lens.centre) / lens.noise;
@@ -236,8 +235,8 @@ impl Cameras {
         }
         Some(Linear {
             residual: (at - pixel.coords) / lens.noise,
-            anchor: onto * anchor_part,
-            view: onto * view_part,
+            anchor: part(-rotation * inverse_depth, rotation * ray.cross_matrix()),
+            view: part(Matrix3::identity() * inverse_depth, -point.cross_matrix()),
             depth: onto * translation * if track.prior.is_some() { -inverse_depth } else { 1.0 },
             focal,
         })
@@ -254,10 +253,10 @@ impl Cameras {
             (1..self.poses.len()).map(|v| {
                 let (pose, before) = (&self.poses[v], &given.poses[v]);
                 let turn = (pose.rotation * before.rotation.inverse()).scaled_axis();
-                let mut residual = Vector6::zeros();
                 let moved = (centre(pose) - centre(before)) / given.centre_sigma;
-                residual.fixed_rows_mut::<3>(0).copy_from(&moved);
-                residual.fixed_rows_mut::<3>(3).copy_from(&(turn / given.rotation_sigma));
+                let residual = Vector6::from_iterator(
+                    moved.iter().copied().chain((turn / given.rotation_sigma).iter().copied()),
+                );
                 let mut slope = Matrix6::zeros();
                 let back = pose.rotation.inverse().to_rotation_matrix().into_inner();
                 let turning = inverse_left_jacobian(&turn) / given.rotation_sigma;

@@ -109,23 +109,23 @@ impl Verdict {
 /// What was found of one photograph.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatedPose {
-    /// Reference's frame to camera, in the unit of the reference's prior; nothing where [`Verdict::has_pose`] is false.
+    /// Reference's frame to camera; nothing where [`Verdict::has_pose`] is false.
     pub pose: Option<Pose>,
     /// The camera, with the estimated focal length where it was assumed.
     pub camera: PinholeCamera,
     /// Outcome for it.
     pub verdict: Verdict,
-    /// Tracks that it is part of.
-    pub tracks: usize,
+    /// Points that it shares with others (of given poses: matches with its neighbours) and that fit the poses to 3 pixels.
+    pub matches: usize,
     /// Covariance of the pose's left perturbation, translation before rotation in radians, as of 30 independent
-    /// matches at most, since lens and shutter have errors that neighbours share.
+    /// matches at most, since lens and shutter have errors that neighbours share. Nothing for the reference.
     pub covariance: Option<Matrix6<f64>>,
 }
 
 /// Poses of photographs, and depths by their matches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimated {
-    /// One per photograph, in the order given.
+    /// One per photograph, in the order given, in the unit of the reference's prior.
     pub photographs: Vec<EstimatedPose>,
     /// Pixels of the reference (x: column, y: row) and their depths, in the unit of the poses.
     pub depths: Vec<(Point2<f64>, f64)>,
@@ -222,7 +222,7 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
                 pose: posed.then_some(bundle.cameras.poses[v]),
                 camera: PinholeCamera { fx: camera.fx * factor, fy: camera.fy * factor, ..*camera },
                 verdict,
-                tracks: counts[v],
+                matches: counts[v],
                 covariance: covariances[v].filter(|_| posed),
             }
         };

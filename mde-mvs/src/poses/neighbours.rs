@@ -7,7 +7,7 @@ use mde_warp::Pose;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Ranks, by distance, of the photographs that one is compared with: the nearest for their matches, some of the further for their
 /// baseline.
@@ -35,6 +35,10 @@ pub fn nearest(poses: &[Pose], photograph: usize) -> Vec<usize> {
     if same.is_empty() { others.into_iter().map(|(_, i)| i).collect() } else { same }
 }
 
+fn pair(a: usize, b: usize) -> [usize; 2] {
+    [a.min(b), a.max(b)]
+}
+
 /// The pairs to be matched, each once, in order. Their number grows with that of the photographs, not with its square.
 pub(super) fn pairs(poses: &[Pose]) -> Vec<[usize; 2]> {
     if poses.len() <= FEW {
@@ -44,7 +48,7 @@ pub(super) fn pairs(poses: &[Pose]) -> Vec<[usize; 2]> {
     for photograph in 0..poses.len() {
         let others = nearest(poses, photograph);
         let near = RANKS.iter().filter_map(|&rank| others.get(rank));
-        pairs.extend(near.map(|&other| [photograph.min(other), photograph.max(other)]));
+        pairs.extend(near.map(|&other| pair(photograph, other)));
     }
     pairs.into_iter().collect()
 }
@@ -57,21 +61,17 @@ pub(super) fn likely(features: &[&Features]) -> Vec<[usize; 2]> {
         return all(count);
     }
     let coarsest: Vec<Features> = features.par_iter().map(|features| features.coarsest(PREVIEW)).collect();
-    let previewed: Vec<([usize; 2], usize)> = all(count)
+    let matches: BTreeMap<[usize; 2], usize> = all(count)
         .into_par_iter()
         .map(|[i, j]| ([i, j], match_features(&coarsest[i], &coarsest[j]).len()))
         .collect();
-    let mut matches = vec![vec![0; count]; count];
-    for ([i, j], found) in previewed {
-        (matches[i][j], matches[j][i]) = (found, found);
-    }
     let mut pairs = BTreeSet::new();
-    for (photograph, matches) in matches.iter().enumerate() {
+    for photograph in 0..count {
         let mut others: Vec<usize> = (0..count).filter(|&other| other != photograph).collect();
-        others.sort_by_key(|&other| (Reverse(matches[other]), photograph.abs_diff(other)));
+        others.sort_by_key(|&other| (Reverse(matches[&pair(photograph, other)]), photograph.abs_diff(other)));
         let following = (photograph + 1..count).take(2);
         let partners = others.into_iter().take(PARTNERS).chain(following);
-        pairs.extend(partners.map(|other| [photograph.min(other), photograph.max(other)]));
+        pairs.extend(partners.map(|other| pair(photograph, other)));
     }
     pairs.into_iter().collect()
 }
@@ -88,9 +88,7 @@ pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
     while let Some(&first) = open.first() {
         let near = nearest(poses, first).into_iter().filter(|other| open.contains(other));
         let window: Vec<usize> = std::iter::once(first).chain(near).take(FEW).collect();
-        window.iter().for_each(|photograph| {
-            open.remove(photograph);
-        });
+        open.retain(|photograph| !window.contains(photograph));
         windows.push(window);
     }
     windows

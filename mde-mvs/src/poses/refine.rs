@@ -1,5 +1,5 @@
 use super::bundle::{Bundle, Cameras, Given, Lens, Observed};
-use super::estimate::{LEAST_NOISE, Verdict};
+use super::estimate::{EstimatedPose, LEAST_NOISE, Verdict};
 use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
@@ -39,22 +39,16 @@ const GIVEN_PIXELS: f64 = 15.0;
 /// Given poses after refinement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
-    /// One per photograph, in the order given. The reference's is unchanged; all are where [`accepted`](Self::accepted) is false.
-    pub poses: Vec<Pose>,
+    /// One per photograph, in the order given. The reference's pose is unchanged; all are where [`accepted`](Self::accepted) is false.
+    /// Poses that are kept have covariances too, by the matches and the deviations that are allowed.
+    pub photographs: Vec<EstimatedPose>,
     /// Whether withheld matches fit better with refined poses.
     pub accepted: bool,
     /// Median distance of withheld matches from where they should be, with the given poses and with those refined without them,
     /// in pixels of a photograph of 640 on the longer side. Nothing where there are too few matches.
     pub withheld: Option<[f64; 2]>,
-    /// Covariance of each pose's left perturbation, translation, then rotation in radians, by the matches and the deviations that are allowed,
-    /// for poses that are kept too; none without enough matches.
-    pub covariances: Vec<Option<Matrix6<f64>>>,
     /// Pixels of the reference (x: column, y: row) and their depths by the matches, in the unit of the poses.
     pub depths: Vec<(Point2<f64>, f64)>,
-    /// Whether each photograph belongs to its pose, by its matches with its neighbours. One that does not had no part in the rest.
-    pub verdicts: Vec<Verdict>,
-    /// Matches of each photograph with its neighbours that fit the poses that are returned to 3 pixels.
-    pub matches: Vec<usize>,
 }
 
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
@@ -111,21 +105,16 @@ pub fn refine_poses(
     }
     let Adjusted { bundle, covariances, accepted, withheld } = adjusted;
     let fitting = capture.agreement(&bundle.cameras, OUTLIER_PIXELS);
-    let kept_pose = |v: usize| if capture.is_kept(v) { bundle.cameras.poses[v] } else { given[v] };
-    let mut refined = Refined {
-        poses: (0..given.len()).map(kept_pose).collect(),
-        accepted,
-        withheld,
-        covariances,
-        depths: bundle.reference_depths(),
-        matches: fitting.into_iter().map(|[_, fitting]| fitting).collect(),
-        verdicts: capture.verdicts,
+    let of_photograph = |v: usize| EstimatedPose {
+        pose: capture.verdicts[v].has_pose().then_some(bundle.cameras.poses[v]),
+        camera: sorted[v].camera,
+        verdict: capture.verdicts[v],
+        matches: fitting[v][1],
+        covariance: covariances[v],
     };
-    refined.poses[..=reference].rotate_left(1);
-    refined.covariances[..=reference].rotate_left(1);
-    refined.matches[..=reference].rotate_left(1);
-    refined.verdicts[..=reference].rotate_left(1);
-    Ok(refined)
+    let mut photographs: Vec<EstimatedPose> = (0..sorted.len()).map(of_photograph).collect();
+    photographs[..=reference].rotate_left(1);
+    Ok(Refined { photographs, accepted, withheld, depths: bundle.reference_depths() })
 }
 
 /// Matched photographs with given poses, the reference first.
@@ -145,10 +134,6 @@ struct Adjusted {
 }
 
 impl Capture<'_, '_> {
-    fn is_kept(&self, v: usize) -> bool {
-        self.verdicts[v].has_pose()
-    }
-
     /// Leaves out the photograph that fits its pose least, if it does not; `cut` is in pixels. Returns whether there was one.
     fn leave_out(&mut self, poses: &[Pose], cut: f64) -> bool {
         let found = self.agreement(&self.cameras(poses), cut);
@@ -161,7 +146,8 @@ impl Capture<'_, '_> {
             let share = agreeing as f64 / matches as f64;
             (share < LEAST_AGREEING).then_some((share, Verdict::Contradicted { matches, agreeing }))
         };
-        let doubtful = (0..found.len()).filter(|&v| self.is_kept(v)).filter_map(|v| Some((v, of(v)?)));
+        let doubtful =
+            (0..found.len()).filter(|&v| self.verdicts[v].has_pose()).filter_map(|v| Some((v, of(v)?)));
         let Some((v, (_, verdict))) = doubtful.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else { return false };
         self.verdicts[v] = verdict;
         true
@@ -194,7 +180,8 @@ impl Capture<'_, '_> {
     }
 
     fn kept_pairs(&self) -> Vec<&Pair> {
-        self.pairs.iter().filter(|pair| self.is_kept(pair.first) && self.is_kept(pair.second)).collect()
+        let kept = |v: usize| self.verdicts[v].has_pose();
+        self.pairs.iter().filter(|pair| kept(pair.first) && kept(pair.second)).collect()
     }
 
     fn cameras(&self, poses: &[Pose]) -> Cameras {

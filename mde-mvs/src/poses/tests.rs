@@ -21,7 +21,7 @@ fn planes() -> Vec<Plane> {
     ]
 }
 
-fn camera() -> PinholeCamera {
+pub(super) fn camera() -> PinholeCamera {
     PinholeCamera::from_fov(60.0, 320, 240).unwrap()
 }
 
@@ -35,19 +35,16 @@ fn held() -> Vec<Pose> {
     ]
 }
 
-/// Views and the depths that a prior with errors gives: .8 of the truth, and a slow wave of 10 %.
+/// The depth of a prior with errors: times a factor, and a slow wave of 10 %.
+pub(super) fn with_errors(depth: &Array2<f32>, factor: f32) -> Array2<f32> {
+    let wave = |(y, x): (usize, usize)| 1.0 + 0.1 * (x as f32 / 50.0).sin() * (y as f32 / 40.0).cos();
+    Array2::from_shape_fn(depth.dim(), |at| depth[at] * factor * wave(at))
+}
+
+/// Views of the room, with priors of .8 of the depth.
 fn scene(poses: &[Pose]) -> Vec<(PosedView, Array2<f32>)> {
-    let wave = |(y, x): (usize, usize), z: f32| {
-        z * 0.8 * (1.0 + 0.1 * (x as f32 / 50.0).sin() * (y as f32 / 40.0).cos())
-    };
-    poses
-        .iter()
-        .map(|pose| {
-            let (view, depth) = render(&planes(), camera(), *pose, PERIOD);
-            let prior = Array2::from_shape_fn(depth.dim(), |at| wave(at, depth[at]));
-            (view, prior)
-        })
-        .collect()
+    let rendered = poses.iter().map(|pose| render(&planes(), camera(), *pose, PERIOD));
+    rendered.map(|(view, depth)| (view, with_errors(&depth, 0.8))).collect()
 }
 
 fn standard() -> &'static [(PosedView, Array2<f32>)] {
@@ -55,7 +52,7 @@ fn standard() -> &'static [(PosedView, Array2<f32>)] {
     SCENE.get_or_init(|| scene(&held()))
 }
 
-fn photographs(scene: &[(PosedView, Array2<f32>)]) -> Vec<PoseInput<'_>> {
+pub(super) fn photographs(scene: &[(PosedView, Array2<f32>)]) -> Vec<PoseInput<'_>> {
     scene
         .iter()
         .map(|(view, prior)| PoseInput {
@@ -69,6 +66,14 @@ fn photographs(scene: &[(PosedView, Array2<f32>)]) -> Vec<PoseInput<'_>> {
 
 fn estimate(photographs: &[PoseInput], reference: usize) -> Estimated {
     estimate_poses(photographs, reference, 0, &mut silent).unwrap()
+}
+
+fn refine(photographs: &[PoseInput], poses: &[Pose], reference: usize) -> Refined {
+    refine_poses(photographs, poses, reference, 0, &mut silent).unwrap()
+}
+
+fn poses(refined: &Refined) -> Vec<Pose> {
+    refined.photographs.iter().map(|photograph| photograph.pose.unwrap()).collect()
 }
 
 /// Depths of the reference over the true ones.
@@ -152,14 +157,11 @@ fn threads_and_the_place_of_the_reference_change_nothing() {
     }
     assert_eq!(other.depths, one.depths);
 
-    let refine = |photographs: &[PoseInput], poses: &[Pose], reference| {
-        refine_poses(photographs, poses, reference, 0, &mut silent).unwrap()
-    };
     let mut off = held();
     off[1] = pose_at([0.005, 0.0, 0.0], [0.005, 0.0, 0.0]) * off[1];
     let (one, other) = (refine(&given, &off, 0), refine(&turned, &order.map(|i| off[i]), 2));
     assert!(one.accepted);
-    assert_eq!(order.map(|i| one.poses[i]).as_slice(), other.poses);
+    assert_eq!(order.map(|i| one.photographs[i].clone()).as_slice(), other.photographs);
 }
 
 /// Under a constant prior the matches alone give poses and shape.
@@ -256,12 +258,12 @@ fn an_assumed_focal_length_is_refined() {
 #[test]
 fn given_poses_are_repaired_and_exact_ones_kept() {
     let given = photographs(standard());
-    let exact = refine_poses(&given, &held(), 0, 0, &mut silent).unwrap();
-    assert_eq!((exact.accepted, &exact.poses), (false, &held()));
+    let exact = refine(&given, &held(), 0);
+    assert_eq!((exact.accepted, poses(&exact)), (false, held()));
 
     let still = vec![Pose::identity(); 4];
-    let kept = refine_poses(&given, &still, 0, 0, &mut silent).unwrap();
-    assert_eq!((kept.accepted, kept.withheld, kept.poses), (false, None, still));
+    let kept = refine(&given, &still, 0);
+    assert_eq!((kept.accepted, kept.withheld, poses(&kept)), (false, None, still));
 
     let mut off = held();
     for (i, pose) in off.iter_mut().enumerate().skip(1) {
@@ -270,15 +272,15 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
         let moved = [[0.005, 0.0, 0.0], [0.0, 0.0, -0.005], [-0.003, 0.004, 0.0]][i - 1];
         *pose = pose_at(moved, turn) * *pose;
     }
-    let refined = refine_poses(&given, &off, 0, 0, &mut silent).unwrap();
+    let refined = refine(&given, &off, 0);
     assert!(refined.accepted);
     let [before, after] = refined.withheld.unwrap();
     assert!(after < 0.5 * before, "{before} {after}");
-    assert_eq!(refined.poses[0], off[0]);
-    for (i, truth) in held().iter().enumerate().skip(1) {
-        let error = rotation_error(&refined.poses[i], truth);
+    assert_eq!(poses(&refined)[0], off[0]);
+    for (pose, truth) in poses(&refined).iter().zip(held()).skip(1) {
+        let error = rotation_error(pose, &truth);
         assert!(error < 0.1, "{error}");
-        assert!((centre(&refined.poses[i]) - centre(truth)).norm() < 0.006);
+        assert!((centre(pose) - centre(&truth)).norm() < 0.006);
     }
     let error = median(ratios(&refined.depths).iter().map(|ratio| (ratio - 1.0).abs())).unwrap();
     assert!(error < 0.02, "{error}");
@@ -288,16 +290,16 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
 /// baseline is three times the depth.
 #[test]
 fn a_walk_longer_than_its_depth_keeps_every_photograph() {
-    let poses: Vec<Pose> = (0..16)
+    let walk: Vec<Pose> = (0..16)
         .map(|i| {
             pose_at([0.5 * f64::from(i), 0.04 * f64::from(i % 3), 0.0], [0.0, 0.02 * f64::from(i % 4), 0.0])
         })
         .collect();
     let wall = [Plane::slanted(2.4, 0.02, 0.1)];
-    let views: Vec<PosedView> = poses.iter().map(|pose| render(&wall, camera(), *pose, PERIOD).0).collect();
+    let views: Vec<PosedView> = walk.iter().map(|pose| render(&wall, camera(), *pose, PERIOD).0).collect();
     let input = |view| PoseInput { image: view, camera: camera(), focal_assumed: false, prior: None };
     let given: Vec<PoseInput> = views.iter().map(|view| input(view.image.view())).collect();
-    let off: Vec<Pose> = poses
+    let off: Vec<Pose> = walk
         .iter()
         .enumerate()
         .map(|(i, pose)| {
@@ -305,19 +307,17 @@ fn a_walk_longer_than_its_depth_keeps_every_photograph() {
             if i == 7 { *pose } else { pose_at([0.0; 3], [turn, 0.0, turn]) * *pose }
         })
         .collect();
-    let refined = refine_poses(&given, &off, 7, 0, &mut silent).unwrap();
-    assert!(refined.verdicts.iter().all(Verdict::has_pose), "{:?}", refined.verdicts);
-    assert!(
-        refined.accepted && refined.matches.iter().all(|matches| *matches > 100),
-        "{:?}",
-        refined.matches
-    );
+    let refined = refine(&given, &off, 7);
+    for (i, found) in refined.photographs.iter().enumerate() {
+        assert!(found.verdict.has_pose() && found.matches > 100, "{found:?}");
+        assert!(found.covariance.is_some() == (i != 7), "{i}");
+    }
     let neighbours = |poses: &[Pose], i: usize| poses[i + 1] * poses[i].inverse();
     let error = |found: &[Pose]| {
-        median((0..15).map(|i| rotation_error(&neighbours(found, i), &neighbours(&poses, i)))).unwrap()
+        median((0..15).map(|i| rotation_error(&neighbours(found, i), &neighbours(&walk, i)))).unwrap()
     };
-    assert!(error(&refined.poses) < 0.3 * error(&off), "{} {}", error(&refined.poses), error(&off));
-    assert!(refined.covariances.iter().enumerate().all(|(i, found)| found.is_some() == (i != 7)));
+    let after = error(&poses(&refined));
+    assert!(refined.accepted && after < 0.3 * error(&off), "{after} {}", error(&off));
 }
 
 /// One camera thrown 10 m away, or two exchanged, are left out; the others stay.
@@ -329,8 +329,8 @@ fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
     let scene = scene(&poses);
     let given = photographs(&scene);
     let left_out = |poses: &[Pose]| -> Vec<usize> {
-        let verdicts = refine_poses(&given, poses, 0, 0, &mut silent).unwrap().verdicts;
-        (0..verdicts.len()).filter(|&i| !verdicts[i].has_pose()).collect()
+        let found = refine(&given, poses, 0).photographs;
+        (0..found.len()).filter(|&i| !found[i].verdict.has_pose()).collect()
     };
     assert!(left_out(&poses).is_empty());
     let mut thrown = poses.clone();

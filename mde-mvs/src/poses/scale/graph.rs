@@ -57,7 +57,9 @@ impl Laplacian {
         let mut sizes = Vec::new();
         let number = |last: usize| {
             let number = *numbers.entry(last).or_insert(sizes.len());
-            sizes.resize(sizes.len().max(number + 1), 0);
+            if number == sizes.len() {
+                sizes.push(0);
+            }
             sizes[number] += 1;
             number
         };

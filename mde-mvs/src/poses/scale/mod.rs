@@ -156,16 +156,14 @@ fn depth_log_ratios(
 pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFactor>> {
     let mut sorted = Vec::with_capacity(ratios.len());
     for ratio in ratios {
-        // Their squares, and what is divided by them, are numbers.
-        if !(1e-100..=1e100).contains(&ratio.sigma) {
-            return Err(Error::config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
-        }
-        if !ratio.log.is_finite() {
-            return Err(Error::config("ratio", ratio.log, "give finite numbers"));
-        }
-        if ratio.first == ratio.second || ratio.first.max(ratio.second) >= photographs {
-            let pair = format!("{} and {}", ratio.first, ratio.second);
-            return Err(Error::config("pair of photographs", pair, "give the indices of two photographs"));
+        // Squares of the deviations, and what is divided by them, are numbers.
+        let pair = ratio.first != ratio.second && ratio.first.max(ratio.second) < photographs;
+        if !(pair && ratio.log.is_finite() && (1e-100..=1e100).contains(&ratio.sigma)) {
+            let remedy =
+                "give the indices of two photographs, a finite ratio, and a sigma from 1e-100 to 1e100";
+            let LogRatio { first, second, log, sigma } = ratio;
+            let value = format!("{log} of {first} and {second}, with sigma {sigma}");
+            return Err(Error::config("ratio", value, remedy));
         }
         sorted.push(match ratio.first < ratio.second {
             true => *ratio,
