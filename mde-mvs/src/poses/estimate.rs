@@ -1,7 +1,7 @@
 use super::bundle::{Bundle, Cameras, Observed};
 use super::features::Features;
 use super::matching::match_features;
-use super::two_view::{Motion, Pair, relative_pose};
+use super::two_view::{Pair, relative_pose};
 use super::{
     FOCAL_SIGMA, FeatureImage, MAX_FEATURES, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, compared, neighbours,
     reference_first, shared_error_factor, tracks,
@@ -247,27 +247,24 @@ impl Tree {
         tree.poses[0] = Some(Pose::identity());
         tree.rank[0] = 0;
         for rank in 1..count {
-            let mut best: Option<(&Pair, &Motion, Pose)> = None;
-            for pair in pairs {
-                let Some(motion) = &pair.motion else { continue };
-                let open = [pair.first, pair.second].map(|v| tree.poses[v].is_none() && !dropped[v]);
-                let Some(known) = tree.poses[pair.first].or(tree.poses[pair.second]) else { continue };
-                let better = best.is_none_or(|(top, ..)| pair.agreeing.len() > top.agreeing.len());
-                if (open[0] || open[1]) && better {
-                    best = Some((pair, motion, known));
-                }
-            }
-            let Some((pair, motion, known)) = best else { break };
-            let forward = tree.poses[pair.first].is_some();
-            let (from, to) = if forward { (0, 1) } else { (1, 0) };
-            let ends = [pair.first, pair.second];
+            // From a photograph of the tree to another.
+            let ends = |pair: &Pair| {
+                let ways = [[pair.first, pair.second], [pair.second, pair.first]];
+                let is_posed = |v: usize| tree.poses[v].is_some();
+                ways.into_iter().find(|&[from, to]| is_posed(from) && !is_posed(to) && !dropped[to])
+            };
+            let joining = pairs.iter().rev().filter_map(|pair| Some((pair, pair.motion?, ends(pair)?)));
+            let Some((pair, motion, [from, to])) = joining.max_by_key(|(pair, ..)| pair.agreeing.len())
+            else {
+                break;
+            };
+            let mut motion = if from == pair.first { motion } else { motion.reversed() };
             // The pair's unit over that of the tree.
-            let unit = tree.log_scales[ends[from]] - motion.log_scales[from];
-            let mut step = if forward { motion.pose } else { motion.pose.inverse() };
-            step.translation.vector *= unit.exp();
-            tree.poses[ends[to]] = Some(step * known);
-            tree.log_scales[ends[to]] = motion.log_scales[to] + unit;
-            tree.rank[ends[to]] = rank;
+            let unit = tree.log_scales[from] - motion.log_scales[0];
+            motion.pose.translation.vector *= unit.exp();
+            tree.poses[to] = tree.poses[from].map(|known| motion.pose * known);
+            tree.log_scales[to] = motion.log_scales[1] + unit;
+            tree.rank[to] = rank;
         }
         tree
     }

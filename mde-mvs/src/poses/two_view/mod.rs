@@ -37,7 +37,7 @@ pub(super) struct Pair {
 }
 
 /// The second photograph's pose in the first one's frame, in some unit.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     pub(super) pose: Pose,
     /// Logarithm of that unit's depths over each photograph's prior.
@@ -46,6 +46,13 @@ pub(super) struct Motion {
     pub(super) log_focal: f64,
     /// Cost of the adjustment over its matches.
     cost: f64,
+}
+
+impl Motion {
+    /// The first photograph's pose in the second one's frame.
+    pub(super) fn reversed(self) -> Self {
+        Self { pose: self.pose.inverse(), log_scales: [self.log_scales[1], self.log_scales[0]], ..self }
+    }
 }
 
 /// Those of the matches of two photographs of these places that obey one epipolar geometry.
@@ -87,11 +94,8 @@ pub(super) fn relative_pose(
     let ransac = |way: u64| Ransac { seed, purpose: "resection", stream: stream(places) << 1 | way };
     let forward = from_prior(a, b, &pixels, pair.matrix, &ransac(0));
     let matrix = pair.matrix.map(|f| f.transpose());
-    let backward = from_prior(b, a, &swapped, matrix, &ransac(1)).map(|(mut motion, fits)| {
-        motion.pose = motion.pose.inverse();
-        motion.log_scales.swap(0, 1);
-        (motion, fits)
-    });
+    let backward = from_prior(b, a, &swapped, matrix, &ransac(1));
+    let backward = backward.map(|(motion, fits)| (motion.reversed(), fits));
     let best = forward.into_iter().chain(backward).reduce(better);
     if let Some((motion, fits)) = best {
         let mut fits = fits.into_iter();
