@@ -37,26 +37,16 @@ pub enum Verdict {
     /// It has a pose.
     #[error("has a pose")]
     Posed,
-    /// It has a pose, but so little parallax that its matches hardly determine depth.
-    #[error(
-        "no parallax: {pixels:.1} pixels, {MIN_PARALLAX_PIXELS:.1} are needed; take it from further aside"
-    )]
-    NoParallax {
-        /// Median parallax of its matches, in pixels of a photograph of 640 on the longer side.
-        pixels: f64,
-    },
-    /// Too little structure: blurred, dark or blank.
-    #[error("{found} features, {MIN_MATCHES} are needed; take a sharper or brighter photograph")]
-    TooFewFeatures {
-        /// Features found.
-        found: usize,
-    },
+    /// It has a pose, but so little parallax that its matches hardly determine depth: this median, in pixels of a photograph of 640 on
+    /// the longer side.
+    #[error("no parallax: {0:.1} pixels, {MIN_PARALLAX_PIXELS:.1} are needed; take it from further aside")]
+    NoParallax(f64),
+    /// Too few features: blurred, dark or blank.
+    #[error("{0} features, {MIN_MATCHES} are needed; take a sharper or brighter photograph")]
+    TooFewFeatures(usize),
     /// Some matches agree, but not enough of them: the overlap is small or the views too different.
-    #[error("{agreeing} matches agree, {MIN_MATCHES} are needed; take it from nearer to the others")]
-    TooFewMatches {
-        /// Matches of the best pair that agree on one motion.
-        agreeing: usize,
-    },
+    #[error("{0} matches agree, {MIN_MATCHES} are needed; take it from nearer to the others")]
+    TooFewMatches(usize),
     /// No more matches agree than those of unrelated photographs.
     #[error("another place: {agreeing} of {matches} matches agree, no more than by chance")]
     AnotherPlace {
@@ -65,20 +55,14 @@ pub enum Verdict {
         /// Those that agree on one motion.
         agreeing: usize,
     },
-    /// Matches agree with each other, but on no pose with the prior's depth.
-    #[error("{agreeing} matches fit no pose with the prior's depth; check its intrinsic parameters")]
-    NoPose {
-        /// Matches of the best pair that obey one epipolar geometry.
-        agreeing: usize,
-    },
-    /// It has features, but hardly any of them is matched in its neighbours.
+    /// So many matches agree with each other, but on no pose with the prior's depth.
+    #[error("{0} matches fit no pose with the prior's depth; check its intrinsic parameters")]
+    NoPose(usize),
+    /// It has features, but hardly any of them is matched in its neighbours: so many.
     #[error(
-        "{matches} matches with its neighbours, {MIN_MATCHES} are needed; check that it shows the same scene and has its own pose"
+        "{0} matches with its neighbours, {MIN_MATCHES} are needed; check that it shows the same scene and has its own pose"
     )]
-    Unmatched {
-        /// Matches with them.
-        matches: usize,
-    },
+    Unmatched(usize),
     /// Its matches with its neighbours do not fit the pose that was given for it.
     #[error(
         "{agreeing} of {matches} matches with its neighbours fit its pose; check that the pose belongs to the photograph"
@@ -89,20 +73,17 @@ pub enum Verdict {
         /// Those that fit.
         agreeing: usize,
     },
-    /// Too few matches, or too close together, for a pose.
+    /// Too few matches, or too close together, for a pose: the standard deviation of its rotation, in degrees.
     #[error(
-        "its pose is uncertain by {degrees:.1} degrees, {MOST_UNCERTAIN:.1} are allowed; take it from nearer to the others"
+        "its pose is uncertain by {0:.1} degrees, {MOST_UNCERTAIN:.1} are allowed; take it from nearer to the others"
     )]
-    Uncertain {
-        /// Standard deviation of the rotation, in degrees.
-        degrees: f64,
-    },
+    Uncertain(f64),
 }
 
 impl Verdict {
     /// Whether the photograph has a pose.
     pub fn has_pose(&self) -> bool {
-        matches!(self, Self::Reference | Self::Posed | Self::NoParallax { .. })
+        matches!(self, Self::Reference | Self::Posed | Self::NoParallax(_))
     }
 }
 
@@ -210,11 +191,11 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
             let verdict = if v == 0 {
                 Verdict::Reference
             } else if let Some(degrees) = uncertain[v] {
-                Verdict::Uncertain { degrees }
+                Verdict::Uncertain(degrees)
             } else if !posed {
                 refusal(v, shots, pairs, &tree)
             } else if parallax < MIN_PARALLAX_PIXELS {
-                Verdict::NoParallax { pixels: parallax }
+                Verdict::NoParallax(parallax)
             } else {
                 Verdict::Posed
             };
@@ -356,16 +337,16 @@ impl Bundle {
 fn refusal(view: usize, shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Verdict {
     let found = shots[view].features.keypoints.len();
     if found < MIN_MATCHES {
-        return Verdict::TooFewFeatures { found };
+        return Verdict::TooFewFeatures(found);
     }
     let other = |pair: &Pair| if pair.first == view { pair.second } else { pair.first };
     let mine = pairs.iter().filter(|pair| pair.first == view || pair.second == view);
     let best = mine.filter(|pair| tree.poses[other(pair)].is_some()).max_by_key(|pair| pair.agreeing.len());
     let (matches, agreeing) = best.map_or((0, 0), |pair| (pair.matches, pair.agreeing.len()));
     if agreeing >= MIN_MATCHES {
-        Verdict::NoPose { agreeing }
+        Verdict::NoPose(agreeing)
     } else if 3 * agreeing >= 2 * MIN_MATCHES {
-        Verdict::TooFewMatches { agreeing }
+        Verdict::TooFewMatches(agreeing)
     } else {
         Verdict::AnotherPlace { matches, agreeing }
     }

@@ -141,7 +141,7 @@ impl Capture<'_, '_> {
             let [matches, agreeing] = found[v];
             let features = self.shots[v].features.keypoints.len();
             if matches < MIN_MATCHES {
-                return (features >= PLENTY).then_some((0.0, Verdict::Unmatched { matches }));
+                return (features >= PLENTY).then_some((0.0, Verdict::Unmatched(matches)));
             }
             let share = agreeing as f64 / matches as f64;
             (share < LEAST_AGREEING).then_some((share, Verdict::Contradicted { matches, agreeing }))

@@ -5,14 +5,11 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 use rand::RngExt;
 
-fn lens(assumed: bool) -> Lens {
-    Lens { focal: Vector2::new(500.0, 510.0), centre: Vector2::new(320.0, 240.0), assumed, noise: 1.0 }
-}
-
 /// An exact scene of `count` points seen by every photograph, the first its reference and the anchor of two thirds of them.
 fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
     let views = poses.len();
-    let lenses = vec![lens(false); views];
+    let (focal, centre) = (Vector2::new(500.0, 510.0), Vector2::new(320.0, 240.0));
+    let lens = Lens { focal, centre, assumed: false, noise: 1.0 };
     let mut tracks = Vec::new();
     for i in 0..count {
         let mut rng = CounterRng::new(seed, "bundle-test", 0, i as u64);
@@ -21,8 +18,7 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
         let point = Point3::new(uniform(-0.5, 0.5) * z, uniform(-0.4, 0.4) * z, z);
         let pixel = |v: usize| {
             let p = poses[v] * point;
-            let at = lenses[v].focal.component_mul(&(p.coords.xy() / p.z)) + lenses[v].centre;
-            (Point2::from(at), p.z)
+            (Point2::from(lens.project(&p.coords, 0.0)), p.z)
         };
         let anchor = if i % 3 == 0 { 1 % views } else { 0 };
         let (at, depth) = pixel(anchor);
@@ -30,7 +26,7 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
         let prior = Some(depth.ln());
         tracks.push(Observed { anchor, pixel: at, inverse_depth: depth.recip(), prior, views: others });
     }
-    let mut cameras = Cameras::new(lenses, poses.to_vec(), tracks.len());
+    let mut cameras = Cameras::new(vec![lens; views], poses.to_vec(), tracks.len());
     cameras.prior_sigmas = vec![0.8; views];
     Bundle { cameras, tracks }
 }
@@ -83,25 +79,21 @@ fn focal_length_and_scales_of_priors_are_recovered() {
     // Almost no weight, so that the exact answer is the least.
     truth.cameras.focal_sigma = 1e6;
     let prior_scales = [1.25_f64.ln(), 1.25_f64.ln() - 0.7];
-    truth
-        .tracks
-        .iter_mut()
-        .for_each(|track| track.prior = track.prior.map(|p| p + prior_scales[track.anchor]));
+    for track in &mut truth.tracks {
+        track.prior = track.prior.map(|p| p + prior_scales[track.anchor]);
+    }
     let mut bundle = disturbed(truth, 0.02, 3);
     bundle.cameras.lenses.iter_mut().for_each(|lens| {
         lens.assumed = true;
         lens.focal /= 1.15;
     });
     bundle.adjust(200);
-    assert!((bundle.cameras.log_focal - 1.15_f64.ln()).abs() < 1e-6, "{}", bundle.cameras.log_focal);
-    assert!((bundle.cameras.log_scales[1] - 0.7).abs() < 1e-6, "{}", bundle.cameras.log_scales[1]);
+    let Cameras { log_focal, log_scales, poses, .. } = bundle.cameras;
+    assert!((log_focal - 1.15_f64.ln()).abs() < 1e-6, "{log_focal}");
+    assert!((log_scales[1] - 0.7).abs() < 1e-6, "{}", log_scales[1]);
     let mut expected = motions()[2];
     expected.translation.vector *= 1.25;
-    assert!(
-        apart(&bundle.cameras.poses[2], &expected) < 1e-6,
-        "{}",
-        apart(&bundle.cameras.poses[2], &expected)
-    );
+    assert!(apart(&poses[2], &expected) < 1e-6, "{}", apart(&poses[2], &expected));
 }
 
 /// Without a prior depths are inverse, and one that starts beyond infinity comes back.
