@@ -4,11 +4,11 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use mde_mvs::poses::{self, Track, Verdict, estimate_poses, refine_poses};
+use mde_mvs::poses::{self, EstimatedPose, Verdict, estimate_poses, refine_poses};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
-use mde_warp::{PinholeCamera, Pose, PosedView};
-use nalgebra::Matrix6;
+use mde_warp::{Pose, PosedView};
+use nalgebra::{Matrix6, Point2};
 use ndarray::Array2;
 
 /// The photographs with a pose, in the frame of the capture's reference.
@@ -23,9 +23,6 @@ pub(super) struct Posed {
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,
 }
-
-/// Camera, pose and its covariance of a photograph that has a pose.
-type Placed = (PinholeCamera, Pose, Option<Matrix6<f64>>);
 
 /// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
 /// callback counts the pairs of photographs as they are matched.
@@ -50,52 +47,42 @@ pub(super) fn posed(
     let seed = derived_seed(config.seed, "poses", 0);
     let reference = scene.reference;
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
-    let mut found: Vec<Option<Placed>> = vec![None; inputs.len()];
     let mut unit = 1.0;
-    if let Some(given) = given {
+    let found = if let Some(given) = given {
         let world = given[reference].inverse();
         let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
         let refined = refine_poses(&inputs, &given, reference, seed, matched)?;
         report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
         report.withheld_pixels = refined.withheld;
-        for (photograph, (verdict, matches)) in
-            report.photographs.iter_mut().zip(refined.verdicts.iter().zip(&refined.matches))
-        {
-            (photograph.verdict, photograph.matches) = (verdict.to_string(), Some(*matches));
-        }
-        let verdict = &refined.verdicts[reference];
-        if !verdict.has_pose() {
-            // Nothing tells which of the others could be right.
-            report.fallback = Some(format!("{}: {verdict}", report.photographs[reference].name));
-            return Ok(None);
-        }
-        if refined.verdicts.iter().filter(|verdict| verdict.has_pose()).count() < 2 {
-            report.fallback = Some(report.verdicts(reference));
-            return Ok(None);
-        }
-        unit = unit_of(&refined.tracks, reference, priors[reference].as_ref());
-        for index in (0..found.len()).filter(|&index| refined.verdicts[index].has_pose()) {
-            found[index] = Some((inputs[index].camera, refined.poses[index], refined.covariances[index]));
-        }
+        unit = unit_of(&refined.depths, priors[reference].as_ref());
+        refined.photographs
     } else {
         let estimated = estimate_poses(&inputs, reference, seed, matched)?;
         report.poses = PoseSource::Estimated;
         report.focal_factor = Some(estimated.focal_factor);
-        for (index, photograph) in estimated.photographs.iter().enumerate() {
-            report.photographs[index].verdict = photograph.verdict.to_string();
-            report.photographs[index].matches = Some(photograph.tracks);
-            let pose = photograph.pose.or((index == reference).then(Pose::identity));
-            found[index] = pose.map(|pose| (photograph.camera, pose, photograph.covariance));
-        }
-        if !estimated.photographs.iter().any(|photograph| photograph.verdict == Verdict::Posed) {
-            report.fallback = Some(report.verdicts(reference));
-            return Ok(None);
-        }
+        estimated.photographs
+    };
+    for (photograph, found) in report.photographs.iter_mut().zip(&found) {
+        (photograph.verdict, photograph.matches) = (found.verdict.to_string(), Some(found.matches));
+    }
+    let verdict = &found[reference].verdict;
+    if !verdict.has_pose() {
+        // Nothing tells which of the others could be right.
+        report.fallback = Some(format!("{}: {verdict}", report.photographs[reference].name));
+        return Ok(None);
+    }
+    let useful = |found: &EstimatedPose| match report.poses {
+        PoseSource::Estimated => found.verdict == Verdict::Posed,
+        _ => found.verdict.has_pose(),
+    };
+    let others = (0..found.len()).filter(|&index| index != reference);
+    if !others.clone().any(|index| useful(&found[index])) {
+        report.fallback = Some(report.verdicts(reference));
+        return Ok(None);
     }
     let mut posed = Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit };
-    let others = (0..found.len()).filter(|&index| index != reference);
     for index in std::iter::once(reference).chain(others) {
-        if let Some((camera, pose, covariance)) = found[index] {
+        if let EstimatedPose { pose: Some(pose), camera, covariance, .. } = found[index] {
             posed.views.push(scene.photographs[index].view(pose, camera));
             posed.order.push(index);
             posed.covariances.push(covariance);
@@ -104,14 +91,12 @@ pub(super) fn posed(
     Ok(Some(posed))
 }
 
-/// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.
-fn unit_of(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
+/// The robust factor from the reference's prior to its depths by matches; 1 without any.
+fn unit_of(depths: &[(Point2<f64>, f64)], prior: Option<&Array2<f32>>) -> f64 {
     let Some(prior) = prior else { return 1.0 };
-    let logs = tracks.iter().filter_map(|track| {
-        let anchor = track.pixels.first().filter(|pixel| pixel.photograph == reference)?;
-        let [row, column] = [anchor.pixel.y.round() as usize, anchor.pixel.x.round() as usize];
-        let depth = *prior.get((row, column)).filter(|z| **z > 0.0)?;
-        (track.depth > 0.0).then(|| (track.depth / f64::from(depth)).ln())
+    let logs = depths.iter().filter_map(|(pixel, depth)| {
+        let known = *prior.get((pixel.y.round() as usize, pixel.x.round() as usize)).filter(|z| **z > 0.0)?;
+        (*depth > 0.0).then(|| (depth / f64::from(known)).ln())
     });
     median(logs).map_or(1.0, f64::exp)
 }

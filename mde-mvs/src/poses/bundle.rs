@@ -15,13 +15,14 @@
 mod triangulation;
 mod windows;
 
-use super::is_flat;
+use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, is_flat, shared_error_factor};
 use crate::statistics::robust_deviation;
+use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use nalgebra::{
-    DMatrix, DVector, Matrix2x3, Matrix3, Matrix6, Point2, SMatrix, Translation3, UnitQuaternion,
+    DMatrix, DVector, Matrix2x3, Matrix3, Matrix6, Point2, SMatrix, Translation3, UnitQuaternion, Vector2,
+    Vector3, Vector6,
 };
-use nalgebra::{Vector2, Vector3, Vector6};
 
 /// Share of the cost by which a step must lower it to be worth another.
 const TOLERANCE: f64 = 1e-9;
@@ -65,19 +66,19 @@ pub(super) struct Observed {
     pub(super) views: Vec<(usize, Point2<f64>)>,
 }
 
-/// Where a pose was before, and how well that was known.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PosePrior {
-    pub(super) pose: Pose,
+/// Poses as they were before, and how well each but the reference's was known.
+#[derive(Debug, Clone)]
+pub(super) struct Given {
+    pub(super) poses: Vec<Pose>,
     /// Radians.
     pub(super) rotation_sigma: f64,
-    /// Of the camera's centre, in the unit of the poses.
+    /// Of a camera's centre, in the unit of the poses.
     pub(super) centre_sigma: f64,
 }
 
-/// All that is adjusted, and what it is adjusted to.
+/// The parameters of the photographs, and what they are held to; the first is the reference.
 #[derive(Debug, Clone)]
-pub(super) struct Bundle {
+pub(super) struct Cameras {
     pub(super) lenses: Vec<Lens>,
     pub(super) poses: Vec<Pose>,
     /// Poses that are kept: the reference's, and those outside the window of an adjustment.
@@ -86,13 +87,17 @@ pub(super) struct Bundle {
     pub(super) log_focal: f64,
     /// Standard deviation of that logarithm.
     pub(super) focal_sigma: f64,
-    /// Logarithmic scale of each photograph's prior.
+    /// Logarithmic scale of each photograph's prior. The reference's is kept, which gives the poses their unit.
     pub(super) log_scales: Vec<f64>,
-    /// Whether the reference's scale is kept, which gives the poses their unit.
-    pub(super) keep_scale: bool,
     /// Standard deviation of the logarithm of each photograph's prior, per track.
     pub(super) prior_sigmas: Vec<f64>,
-    pub(super) pose_priors: Vec<Option<PosePrior>>,
+    pub(super) given: Option<Given>,
+}
+
+/// All that is adjusted, and what it is adjusted to.
+#[derive(Debug, Clone)]
+pub(super) struct Bundle {
+    pub(super) cameras: Cameras,
     pub(super) tracks: Vec<Observed>,
 }
 
@@ -113,14 +118,6 @@ struct Linear {
     view: Matrix2x6,
     depth: Vector2<f64>,
     focal: Vector2<f64>,
-}
-
-/// What a step changes.
-struct State {
-    poses: Vec<Pose>,
-    log_scales: Vec<f64>,
-    log_focal: f64,
-    depths: Vec<f64>,
 }
 
 /// Where the parameters of a bundle are in its vector.
@@ -146,46 +143,54 @@ struct DepthRow {
     slope: f64,
 }
 
-/// How uncertain the parameters are.
-#[derive(Debug, Clone)]
-pub(super) struct Covariance {
-    /// Of each pose's left perturbation, translation before rotation in radians; nothing for the reference.
-    pub(super) poses: Vec<Option<Matrix6<f64>>>,
-    /// Variance of the logarithm of each track's depth.
-    pub(super) log_depths: Vec<f64>,
-    /// Variance of the logarithm of the common factor of the focal lengths.
-    pub(super) log_focal: Option<f64>,
-}
-
 /// Huber's loss of a squared residual, and the weight of its square: quadratic to 1, linear beyond.
 fn huber(squared: f64) -> (f64, f64) {
     if squared <= 1.0 { (0.5 * squared, 1.0) } else { (squared.sqrt() - 0.5, squared.sqrt().recip()) }
 }
 
-impl Bundle {
-    fn focal(&self, lens: &Lens) -> Vector2<f64> {
-        if lens.assumed { lens.focal * self.log_focal.exp() } else { lens.focal }
+impl Lens {
+    /// With that logarithm of the common factor of the assumed focal lengths.
+    fn focal(&self, log_factor: f64) -> Vector2<f64> {
+        if self.assumed { self.focal * log_factor.exp() } else { self.focal }
     }
 
-    fn ray(&self, view: usize, pixel: &Point2<f64>) -> Vector3<f64> {
-        let lens = &self.lenses[view];
-        let at = (pixel.coords - lens.centre).component_div(&self.focal(lens));
-        at.push(1.0)
+    /// The ray of z = 1 of a pixel.
+    pub(super) fn ray(&self, pixel: &Point2<f64>, log_factor: f64) -> Vector3<f64> {
+        (pixel.coords - self.centre).component_div(&self.focal(log_factor)).push(1.0)
+    }
+
+    /// The pixel of a point in front of the camera.
+    pub(super) fn project(&self, point: &Vector3<f64>, log_factor: f64) -> Vector2<f64> {
+        (point.xy() / point.z).component_mul(&self.focal(log_factor)) + self.centre
+    }
+}
+
+impl Cameras {
+    /// Only the reference's pose is kept; the priors are as good as they are before the matches of so many tracks measure them.
+    pub(super) fn new(lenses: Vec<Lens>, poses: Vec<Pose>, tracks: usize) -> Self {
+        let count = poses.len();
+        Self {
+            lenses,
+            poses,
+            fixed: (0..count).map(|v| v == 0).collect(),
+            log_focal: 0.0,
+            focal_sigma: FOCAL_SIGMA / shared_error_factor(tracks),
+            log_scales: vec![0.0; count],
+            prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(tracks); count],
+            given: None,
+        }
     }
 
     fn seen(&self, track: &Observed, view: usize) -> Seen {
         let motion = self.poses[view] * self.poses[track.anchor].inverse();
         let rotation = motion.rotation.to_rotation_matrix().into_inner();
-        let ray = self.ray(track.anchor, &track.pixel);
+        let ray = self.lenses[track.anchor].ray(&track.pixel, self.log_focal);
         let point = rotation * ray + motion.translation.vector * track.inverse_depth;
         Seen { rotation, translation: motion.translation.vector, ray, point }
     }
 
     fn project(&self, view: usize, point: &Vector3<f64>) -> Option<Vector2<f64>> {
-        (point.z > NEAR).then(|| {
-            let lens = &self.lenses[view];
-            self.focal(lens).component_mul(&(point.xy() / point.z)) + lens.centre
-        })
+        (point.z > NEAR).then(|| self.lenses[view].project(point, self.log_focal))
     }
 
     /// Residual of a track in a view, over the noise; nothing for a point behind it.
@@ -199,28 +204,28 @@ impl Bundle {
         Some((self.project(view, &seen.point)? - pixel.coords) / self.lenses[view].noise)
     }
 
-    /// Pixels by which the baseline moves a track in a view: from where its direction alone would land.
+    /// By how much the baseline moves a track in a view, over the noise: from where its direction alone would land.
     pub(super) fn parallax(&self, track: &Observed, view: usize) -> Option<f64> {
         let seen = self.seen(track, view);
-        Some((self.project(view, &seen.point)? - self.project(view, &(seen.rotation * seen.ray))?).norm())
+        let moved = self.project(view, &seen.point)? - self.project(view, &(seen.rotation * seen.ray))?;
+        Some(moved.norm() / self.lenses[view].noise)
     }
 
     fn linear(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> Option<Linear> {
         let Seen { rotation, translation, ray, point } = self.seen(track, view);
         let lens = &self.lenses[view];
         let at = self.project(view, &point)?;
-        let f = self.focal(lens);
+        let f = lens.focal(self.log_focal);
         let (x, y, w) = (point.x / point.z, point.y / point.z, point.z.recip());
         let onto = Matrix2x3::new(f.x * w, 0.0, -f.x * x * w, 0.0, f.y * w, -f.y * y * w) / lens.noise;
 
         let inverse_depth = track.inverse_depth;
-        let mut view_part = SMatrix::<f64, 3, 6>::zeros();
-        view_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * inverse_depth));
-        view_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&-point.cross_matrix());
-        let mut anchor_part = SMatrix::<f64, 3, 6>::zeros();
-        anchor_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-rotation * inverse_depth));
-        anchor_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&(rotation * ray.cross_matrix()));
-
+        let part = |moved: Matrix3<f64>, turned: Matrix3<f64>| {
+            let mut part = Matrix2x6::zeros();
+            part.fixed_columns_mut::<3>(0).copy_from(&(onto * moved));
+            part.fixed_columns_mut::<3>(3).copy_from(&(onto * turned));
+            part
+        };
         let mut focal = Vector2::zeros();
         if lens.assumed {
             focal += (at - lens.centre) / lens.noise;
@@ -230,8 +235,8 @@ impl Bundle {
         }
         Some(Linear {
             residual: (at - pixel.coords) / lens.noise,
-            anchor: onto * anchor_part,
-            view: onto * view_part,
+            anchor: part(-rotation * inverse_depth, rotation * ray.cross_matrix()),
+            view: part(Matrix3::identity() * inverse_depth, -point.cross_matrix()),
             depth: onto * translation * if track.prior.is_some() { -inverse_depth } else { 1.0 },
             focal,
         })
@@ -242,19 +247,24 @@ impl Bundle {
         Some(deviation / self.prior_sigmas[track.anchor])
     }
 
-    /// Residual of a pose against its prior and the derivative by the left perturbation.
-    fn pose_residual(pose: &Pose, prior: &PosePrior) -> (Vector6<f64>, Matrix6<f64>) {
-        let turn = (pose.rotation * prior.pose.rotation.inverse()).scaled_axis();
-        let centre = |p: &Pose| -(p.rotation.inverse() * p.translation.vector);
-        let moved = centre(pose) - centre(&prior.pose);
-        let mut residual = Vector6::zeros();
-        residual.fixed_rows_mut::<3>(0).copy_from(&(moved / prior.centre_sigma));
-        residual.fixed_rows_mut::<3>(3).copy_from(&(turn / prior.rotation_sigma));
-        let mut slope = Matrix6::zeros();
-        let back = pose.rotation.inverse().to_rotation_matrix().into_inner();
-        slope.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-back / prior.centre_sigma));
-        slope.fixed_view_mut::<3, 3>(3, 3).copy_from(&(inverse_left_jacobian(&turn) / prior.rotation_sigma));
-        (residual, slope)
+    /// Residual of each pose but the reference's against the one that was given, and the derivative by the left perturbation.
+    fn pose_residuals(&self) -> impl Iterator<Item = (usize, Vector6<f64>, Matrix6<f64>)> {
+        self.given.iter().flat_map(|given| {
+            (1..self.poses.len()).map(|v| {
+                let (pose, before) = (&self.poses[v], &given.poses[v]);
+                let turn = (pose.rotation * before.rotation.inverse()).scaled_axis();
+                let moved = (centre(pose) - centre(before)) / given.centre_sigma;
+                let residual = Vector6::from_iterator(
+                    moved.iter().copied().chain((turn / given.rotation_sigma).iter().copied()),
+                );
+                let mut slope = Matrix6::zeros();
+                let back = pose.rotation.inverse().to_rotation_matrix().into_inner();
+                let turning = inverse_left_jacobian(&turn) / given.rotation_sigma;
+                slope.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-back / given.centre_sigma));
+                slope.fixed_view_mut::<3, 3>(3, 3).copy_from(&turning);
+                (v, residual, slope)
+            })
+        })
     }
 
     fn track_cost(&self, track: &Observed) -> f64 {
@@ -264,47 +274,47 @@ impl Bundle {
         });
         seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| huber(r * r).0)
     }
+}
 
+impl Bundle {
     /// Measures the spread of each photograph's prior about the depths, of the tracks with more parallax than the median, and
-    /// widens it by the root of the tracks that share one of a map's `regions` independent errors.
-    pub(super) fn measure_priors(&mut self, regions: f64) {
-        for (anchor, sigma) in self.prior_sigmas.iter_mut().enumerate() {
-            let mut deviations: Vec<(f64, f64)> = Vec::new();
-            let priors = self.tracks.iter().filter(|track| track.anchor == anchor).filter_map(|t| t.prior);
-            for track in
-                self.tracks.iter().filter(|track| track.anchor == anchor && track.inverse_depth > 0.0)
-            {
-                let Some(prior) = track.prior else { continue };
-                let deviation = -track.inverse_depth.ln() - prior - self.log_scales[anchor];
+    /// widens it by the root of the tracks that share an error.
+    pub(super) fn measure_priors(&mut self) {
+        let Cameras { poses, log_scales, prior_sigmas, .. } = &mut self.cameras;
+        for (anchor, sigma) in prior_sigmas.iter_mut().enumerate() {
+            let deviation = |track: &Observed| {
+                let deviation = -track.inverse_depth.ln() - track.prior? - log_scales[anchor];
                 let baseline = |(view, _): &(usize, Point2<f64>)| {
-                    (self.poses[*view] * self.poses[anchor].inverse()).translation.vector.norm()
+                    (poses[*view] * poses[anchor].inverse()).translation.vector.norm()
                 };
                 let longest = track.views.iter().map(baseline).fold(0.0, f64::max);
-                deviations.push((longest * track.inverse_depth, deviation));
-            }
-            if deviations.len() < FEW || is_flat(priors) {
+                Some((longest * track.inverse_depth, deviation))
+            };
+            let own = || self.tracks.iter().filter(|track| track.anchor == anchor);
+            let mut deviations: Vec<(f64, f64)> =
+                own().filter(|track| track.inverse_depth > 0.0).filter_map(deviation).collect();
+            if deviations.len() < FEW || is_flat(own().filter_map(|track| track.prior)) {
                 continue;
             }
             deviations.sort_by(|a, b| b.0.total_cmp(&a.0));
             let half = &deviations[..deviations.len().div_ceil(2)];
             if let Some(spread) = robust_deviation(half.iter().map(|(_, deviation)| *deviation)) {
-                let alike = (deviations.len() as f64 / regions).max(1.0);
-                *sigma = spread.max(LEAST_SPREAD) * alike.sqrt();
+                *sigma = spread.max(LEAST_SPREAD) * shared_error_factor(deviations.len());
             }
         }
     }
 
     /// The sum of the losses: Huber's of every observation over its noise and of every prior residual, squares of the rest.
     pub(super) fn cost(&self) -> f64 {
-        let tracks: f64 = self.tracks.iter().map(|track| self.track_cost(track)).sum();
-        let priors = self.poses.iter().zip(&self.pose_priors).filter_map(|(pose, prior)| {
-            prior.as_ref().map(|prior| 0.5 * Self::pose_residual(pose, prior).0.norm_squared())
-        });
-        tracks + priors.sum::<f64>() + 0.5 * (self.log_focal / self.focal_sigma).powi(2)
+        let cameras = &self.cameras;
+        let tracks: f64 = self.tracks.iter().map(|track| cameras.track_cost(track)).sum();
+        let poses: f64 = cameras.pose_residuals().map(|(_, r, _)| 0.5 * r.norm_squared()).sum();
+        tracks + poses + 0.5 * (cameras.log_focal / cameras.focal_sigma).powi(2)
     }
 
     fn layout(&self) -> Layout {
-        let count = self.poses.len();
+        let Cameras { lenses, fixed, .. } = &self.cameras;
+        let count = fixed.len();
         let mut size = 0;
         let mut take = |needed: bool, width: usize| {
             let at = size;
@@ -318,9 +328,9 @@ impl Bundle {
             has_prior[track.anchor] |= track.prior.is_some();
             track.views.iter().for_each(|(view, _)| used[*view] = true);
         }
-        let poses = (0..count).map(|v| take(!self.fixed[v] && used[v], 6)).collect();
-        let scales = (0..count).map(|v| take(has_prior[v] && !(self.keep_scale && v == 0), 1)).collect();
-        let focal = take(self.lenses.iter().any(|lens| lens.assumed), 1);
+        let poses = (0..count).map(|v| take(!fixed[v] && used[v], 6)).collect();
+        let scales = (0..count).map(|v| take(has_prior[v] && v != 0, 1)).collect();
+        let focal = take(lenses.iter().any(|lens| lens.assumed), 1);
         Layout { poses, scales, focal, size }
     }
 
@@ -329,6 +339,9 @@ impl Bundle {
         let mut matrix = DMatrix::zeros(layout.size, layout.size);
         let mut vector = DVector::zeros(layout.size);
         let mut depths = Vec::with_capacity(self.tracks.len());
+        // Columns of the derivative by the parameters that an observation has.
+        let mut columns: Vec<(usize, Vector2<f64>)> = Vec::new();
+        let cameras = &self.cameras;
         for track in &self.tracks {
             let mut shared = vec![];
             let (mut curvature, mut slope) = (0.0, 0.0);
@@ -337,27 +350,17 @@ impl Bundle {
                 None => shared.push((index, value)),
             };
             for (view, pixel) in &track.views {
-                let Some(linear) = self.linear(track, *view, pixel) else { continue };
+                let Some(linear) = cameras.linear(track, *view, pixel) else { continue };
                 let weight = huber(linear.residual.norm_squared()).1 / (noise * noise);
-                // Columns of the derivative by the parameters that this observation has.
-                let mut columns: [(usize, Vector2<f64>); 13] = [(usize::MAX, Vector2::zeros()); 13];
-                let mut count = 0;
-                let mut push = |index: usize, column: Vector2<f64>| {
-                    columns[count] = (index, column);
-                    count += 1;
-                };
+                columns.clear();
                 for (start, part) in
                     [(layout.poses[track.anchor], &linear.anchor), (layout.poses[*view], &linear.view)]
                 {
-                    if let Some(start) = start {
-                        (0..6).for_each(|k| push(start + k, part.column(k).into_owned()));
-                    }
+                    let six = start.into_iter().flat_map(|start| start..start + 6);
+                    columns.extend(six.zip(part.column_iter().map(|column| column.into_owned())));
                 }
-                if let Some(index) = layout.focal {
-                    push(index, linear.focal);
-                }
-                let columns = &columns[..count];
-                for &(i, a) in columns {
+                columns.extend(layout.focal.map(|index| (index, linear.focal)));
+                for &(i, a) in &columns {
                     vector[i] += weight * a.dot(&linear.residual);
                     share(i, weight * a.dot(&linear.depth));
                     for &(j, b) in columns.iter().filter(|(j, _)| *j <= i) {
@@ -367,9 +370,9 @@ impl Bundle {
                 curvature += weight * linear.depth.norm_squared();
                 slope += weight * linear.depth.dot(&linear.residual);
             }
-            if let Some(residual) = self.prior_residual(track) {
+            if let Some(residual) = cameras.prior_residual(track) {
                 let weight = huber(residual * residual).1;
-                let unit = self.prior_sigmas[track.anchor].recip();
+                let unit = cameras.prior_sigmas[track.anchor].recip();
                 curvature += weight * unit * unit;
                 slope += weight * unit * residual;
                 if let Some(index) = layout.scales[track.anchor] {
@@ -380,9 +383,8 @@ impl Bundle {
             }
             depths.push(DepthRow { shared, curvature, slope });
         }
-        for ((pose, prior), start) in self.poses.iter().zip(&self.pose_priors).zip(&layout.poses) {
-            let (Some(prior), Some(start)) = (prior, start) else { continue };
-            let (residual, slope) = Self::pose_residual(pose, prior);
+        for (v, residual, slope) in cameras.pose_residuals() {
+            let Some(start) = layout.poses[v] else { continue };
             let (square, gradient) = (slope.transpose() * slope, slope.transpose() * residual);
             for i in 0..6 {
                 vector[start + i] += gradient[i];
@@ -390,70 +392,54 @@ impl Bundle {
             }
         }
         if let Some(index) = layout.focal {
-            matrix[(index, index)] += self.focal_sigma.powi(-2);
-            vector[index] += self.log_focal * self.focal_sigma.powi(-2);
+            matrix[(index, index)] += cameras.focal_sigma.powi(-2);
+            vector[index] += cameras.log_focal * cameras.focal_sigma.powi(-2);
         }
         Normal { matrix, vector, depths }
     }
 
-    /// Levenberg and Marquardt's steps until one gains less than 1e-9 of the cost. No step that raises the cost is kept;
-    /// the costs at the start and after every step that was kept come back.
-    pub(super) fn adjust(&mut self, steps: usize) -> Vec<f64> {
+    /// Levenberg and Marquardt's steps until one gains less than 1e-9 of the cost. No step that raises the cost is kept.
+    pub(super) fn adjust(&mut self, steps: usize) {
         let layout = self.layout();
         let mut cost = self.cost();
-        let mut costs = vec![cost];
         let [mut damping, least, most] = DAMPING;
         let mut normal = self.normal(&layout, 1.0);
         for _ in 0..steps {
-            let before = self.state();
+            let cameras = self.cameras.clone();
+            let depths: Vec<f64> = self.tracks.iter().map(|track| track.inverse_depth).collect();
             let moved = normal.step(damping).map(|(common, depths)| self.step(&layout, &common, &depths));
             let next_cost = moved.map_or(f64::INFINITY, |()| self.cost());
             if next_cost < cost {
                 let gain = cost - next_cost;
                 cost = next_cost;
-                costs.push(cost);
                 damping = (damping * 0.1).max(least);
                 if gain <= TOLERANCE * cost {
                     break;
                 }
                 normal = self.normal(&layout, 1.0);
             } else {
-                self.restore(before);
+                self.cameras = cameras;
+                self.tracks.iter_mut().zip(depths).for_each(|(track, depth)| track.inverse_depth = depth);
                 damping *= 10.0;
                 if damping > most {
                     break;
                 }
             }
         }
-        costs
-    }
-
-    fn state(&self) -> State {
-        let depths = self.tracks.iter().map(|track| track.inverse_depth).collect();
-        State {
-            poses: self.poses.clone(),
-            log_scales: self.log_scales.clone(),
-            log_focal: self.log_focal,
-            depths,
-        }
-    }
-
-    fn restore(&mut self, state: State) {
-        (self.poses, self.log_scales, self.log_focal) = (state.poses, state.log_scales, state.log_focal);
-        self.tracks.iter_mut().zip(state.depths).for_each(|(track, depth)| track.inverse_depth = depth);
     }
 
     fn step(&mut self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) {
-        for (pose, start) in self.poses.iter_mut().zip(&layout.poses) {
+        let cameras = &mut self.cameras;
+        for (pose, start) in cameras.poses.iter_mut().zip(&layout.poses) {
             if let Some(start) = start {
                 *pose = exp(&common.fixed_rows::<6>(*start).into_owned()) * *pose;
                 pose.rotation.renormalize();
             }
         }
-        for (scale, index) in self.log_scales.iter_mut().zip(&layout.scales) {
+        for (scale, index) in cameras.log_scales.iter_mut().zip(&layout.scales) {
             *scale += index.map_or(0.0, |i| common[i]);
         }
-        self.log_focal += layout.focal.map_or(0.0, |i| common[i]);
+        cameras.log_focal += layout.focal.map_or(0.0, |i| common[i]);
         for (track, step) in self.tracks.iter_mut().zip(depths) {
             let [least, most] = INVERSE_DEPTH;
             track.inverse_depth = if track.prior.is_some() {
@@ -464,47 +450,26 @@ impl Bundle {
         }
     }
 
-    /// The same scene with depths and translations `exp(by)` times as large; the reference's prior keeps its scale.
-    pub(super) fn rescale(&mut self, by: f64) {
-        for pose in &mut self.poses {
-            pose.translation.vector *= by.exp();
-        }
-        self.tracks.iter_mut().for_each(|track| track.inverse_depth *= (-by).exp());
-        for (v, scale) in self.log_scales.iter_mut().enumerate() {
-            *scale += if self.keep_scale && v == 0 { 0.0 } else { by };
-        }
-    }
-
-    /// Covariance of the parameters, if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Nothing where the
-    /// normal equations are singular.
-    pub(super) fn covariance(&self, noise: f64) -> Option<Covariance> {
-        let layout = self.layout();
-        let normal = self.normal(&layout, noise);
-        let inverse = normal.reduced(0.0).0.cholesky()?.inverse();
-        let of_pose = |at: usize| inverse.fixed_view::<6, 6>(at, at).into_owned();
-        let of_depth = |(row, track): (&DepthRow, &Observed)| {
-            let through: f64 = row
-                .shared
-                .iter()
-                .map(|&(i, a)| row.shared.iter().map(|&(j, b)| a * b * inverse[(i, j)]).sum::<f64>())
-                .sum();
-            let variance = row.curvature.recip() + through / (row.curvature * row.curvature);
-            if track.prior.is_some() { variance } else { variance / track.inverse_depth.powi(2) }
+    /// Brings all to the unit in which the reference's prior is right on the whole.
+    pub(super) fn rescale_to_prior(&mut self) {
+        let anchored = self.tracks.iter().filter(|track| track.anchor == 0);
+        let Some(log) = median(anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)))
+        else {
+            return;
         };
-        Some(Covariance {
-            poses: layout.poses.iter().map(|start| start.map(of_pose)).collect(),
-            log_depths: normal.depths.iter().zip(&self.tracks).map(of_depth).collect(),
-            log_focal: layout.focal.map(|at| inverse[(at, at)]),
-        })
+        self.cameras.poses.iter_mut().for_each(|pose| pose.translation.vector *= (-log).exp());
+        self.tracks.iter_mut().for_each(|track| track.inverse_depth *= log.exp());
+        self.cameras.log_scales.iter_mut().skip(1).for_each(|scale| *scale -= log);
     }
-}
 
-impl Covariance {
-    /// The photograph whose rotation is least certain, and its standard deviation in degrees.
-    pub(super) fn most_uncertain_rotation(&self) -> Option<(usize, f64)> {
-        let degrees = |c: &Matrix6<f64>| (c[(3, 3)] + c[(4, 4)] + c[(5, 5)]).max(0.0).sqrt().to_degrees();
-        let each = self.poses.iter().enumerate().filter_map(|(v, c)| Some((v, degrees(c.as_ref()?))));
-        each.max_by(|a, b| a.1.total_cmp(&b.1))
+    /// Covariance of each pose's left perturbation, translation before rotation in radians, if a pixel's standard deviation is
+    /// `noise` times that of [`Lens::noise`]. Nothing for poses that are kept, and where the normal equations are singular.
+    pub(super) fn covariances(&self, noise: f64) -> Vec<Option<Matrix6<f64>>> {
+        let layout = self.layout();
+        let factor = self.normal(&layout, noise).reduced(0.0).0.cholesky();
+        let inverse = factor.map(|factor| factor.inverse());
+        let of_pose = |at: usize| Some(inverse.as_ref()?.fixed_view::<6, 6>(at, at).into_owned());
+        layout.poses.iter().map(|start| start.and_then(of_pose)).collect()
     }
 }
 

@@ -26,35 +26,31 @@ pub fn depth_variance(
 ) -> Array2<f32> {
     let Some((reference, others)) = views.split_first() else { return Array2::zeros(depth.dim()) };
     let back = reference.pose.inverse();
-    let moving: Vec<(&PosedView, Pose, Matrix6<f64>)> = others
-        .iter()
-        .zip(covariances.iter().skip(1))
-        .map(|(view, covariance)| {
-            let motion = view.pose * back;
-            (view, motion, covariance.unwrap_or_else(Matrix6::zeros))
-        })
-        .collect();
-    let length: f64 = moving.iter().map(|(_, motion, _)| motion.translation.vector.norm_squared()).sum();
+    let motions: Vec<Pose> = others.iter().map(|view| view.pose * back).collect();
+    let length: f64 = motions.iter().map(|motion| motion.translation.vector.norm_squared()).sum();
     Array2::from_shape_fn(depth.dim(), |(y, x)| {
         let z = f64::from(depth[(y, x)]);
         if !(z > 0.0 && z.is_finite()) {
             return 0.0;
         }
         let point = reference.camera.ray(Point2::new(x as f64, y as f64)) * z;
-        let seen: Vec<_> = moving.iter().map(|(view, motion, _)| derivative(view, motion, &point)).collect();
+        let seen: Vec<_> =
+            others.iter().zip(&motions).map(|(view, motion)| derivative(view, motion, &point)).collect();
         let information: f64 = seen.iter().flatten().map(|(slope, _)| slope).sum();
         if information <= 0.0 {
             return 0.0;
         }
-        let of_view = |((_, motion, covariance), seen): (&(&PosedView, Pose, Matrix6<f64>), &Option<_>)| {
+        let mut variance = 0.0;
+        for ((motion, seen), covariance) in motions.iter().zip(&seen).zip(covariances.iter().skip(1)) {
+            let Some(covariance) = covariance else { continue };
             let mut row = seen.map_or_else(RowVector6::zeros, |(_, row)| row / information);
             if length > 0.0 {
                 let scale = motion.translation.vector.transpose() / length;
                 (0..3).for_each(|i| row[i] += scale[i]);
             }
-            (row * covariance * row.transpose())[(0, 0)]
-        };
-        moving.iter().zip(&seen).map(of_view).sum::<f64>().max(0.0) as f32
+            variance += (row * covariance * row.transpose())[(0, 0)];
+        }
+        variance.max(0.0) as f32
     })
 }
 

@@ -7,14 +7,8 @@ use rayon::prelude::*;
 /// Rows of the table of similarities that a task fills.
 const ROWS: usize = 128;
 
-/// Two features of different photographs that are each other's nearest, and nearer than the second nearest by a ratio.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Match {
-    /// Index into the first photograph's features.
-    pub first: usize,
-    /// Index into the second photograph's features.
-    pub second: usize,
-}
+/// A match's distance over the second best at most (Lowe, 2004).
+const RATIO: f32 = 0.8;
 
 /// The nearest of the others and the squared distances to it and to the second nearest.
 #[derive(Debug, Clone, Copy)]
@@ -35,23 +29,20 @@ impl Nearest {
         }
     }
 
-    fn merge(self, later: Self) -> Self {
-        let mut all = self;
-        all.offer(later.index, later.best);
-        all.second = all.second.min(later.second);
-        all
+    fn merge(&mut self, later: &Self) {
+        self.offer(later.index, later.best);
+        self.second = self.second.min(later.second);
     }
 
-    fn distinct(&self, ratio: f32) -> bool {
-        self.index != usize::MAX && self.best <= ratio * ratio * self.second
+    fn distinct(&self) -> bool {
+        self.best <= RATIO * RATIO * self.second
     }
 }
 
-/// Mutual nearest neighbours, each nearer than `ratio` times the second nearest (Lowe, 2004: .8), in the order of the first
-/// photograph's features.
+/// Mutual nearest neighbours, each nearer than .8 times the second nearest, in the order of the first photograph's features.
 ///
 /// A photograph with a single feature has no second nearest, and no match.
-pub fn match_features(first: &Features, second: &Features, ratio: f64) -> Vec<Match> {
+pub(super) fn match_features(first: &Features, second: &Features) -> Vec<[usize; 2]> {
     let (rows, columns) = (first.descriptors.nrows(), second.descriptors.nrows());
     if rows < 2 || columns < 2 {
         return Vec::new();
@@ -77,19 +68,16 @@ pub fn match_features(first: &Features, second: &Features, ratio: f64) -> Vec<Ma
         .collect();
     let mut nearest_first = vec![Nearest::NONE; columns];
     for (_, down) in &blocks {
-        for (all, part) in nearest_first.iter_mut().zip(down) {
-            *all = all.merge(*part);
-        }
+        nearest_first.iter_mut().zip(down).for_each(|(all, part)| all.merge(part));
     }
-    let ratio = ratio as f32;
     let nearest_second = blocks.iter().flat_map(|(across, _)| across);
     nearest_second
         .enumerate()
         .filter(|(i, there)| {
-            there.distinct(ratio)
-                && nearest_first.get(there.index).is_some_and(|back| back.index == *i && back.distinct(ratio))
+            let back = nearest_first.get(there.index).filter(|back| back.index == *i);
+            there.distinct() && back.is_some_and(Nearest::distinct)
         })
-        .map(|(first, there)| Match { first, second: there.index })
+        .map(|(i, there)| [i, there.index])
         .collect()
 }
 
@@ -112,11 +100,8 @@ mod tests {
         let first = features(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.01], [0.0, 0.0, 1.0]]);
         let second = features(&[[0.0, 0.1, 1.0], [1.0, 0.1, 0.0], [0.0, 1.0, 0.005]]);
         // The third of the second photograph is as near to two of the first.
-        let expected = vec![Match { first: 0, second: 1 }, Match { first: 3, second: 0 }];
-        assert_eq!(match_features(&first, &second, 0.8), expected);
-        let swapped: Vec<_> =
-            match_features(&second, &first, 0.8).iter().map(|m| (m.second, m.first)).collect();
-        assert_eq!(swapped, [(3, 0), (0, 1)]);
+        assert_eq!(match_features(&first, &second), [[0, 1], [3, 0]]);
+        assert_eq!(match_features(&second, &first), [[0, 3], [1, 0]]);
     }
 
     /// Blocks merge to what one pass over all rows gives.
@@ -126,13 +111,13 @@ mod tests {
             |i: usize| [(i as f32 * 0.37).sin(), (i as f32 * 0.11).cos(), (i as f32 * 0.71).sin() + 0.3];
         let first = features(&(0..700).map(row).collect::<Vec<_>>());
         let second = features(&(0..300).map(|i| row(2 * i + 1)).collect::<Vec<_>>());
-        let matches = match_features(&first, &second, 0.95);
-        for m in &matches {
+        let matches = match_features(&first, &second);
+        for &[a, b] in &matches {
             let distance =
                 |i: usize, j: usize| 2.0 - 2.0 * first.descriptors.row(i).dot(&second.descriptors.row(j));
-            let here = distance(m.first, m.second);
-            assert!((0..700).all(|i| distance(i, m.second) >= here - 1e-6));
-            assert!((0..300).all(|j| distance(m.first, j) >= here - 1e-6));
+            let here = distance(a, b);
+            assert!((0..700).all(|i| distance(i, b) >= here - 1e-6));
+            assert!((0..300).all(|j| distance(a, j) >= here - 1e-6));
         }
         assert!(!matches.is_empty());
     }

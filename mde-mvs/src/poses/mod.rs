@@ -1,11 +1,10 @@
 //! Poses of photographs, found from matches and a monocular depth prior, or refined where they are given.
 //!
-//! [`estimate_poses`] needs no pose. Features of each photograph ([`Features`]) are matched, of more than 12 photographs with those that
-//! share most of the coarsest features, pairs of one
-//! epipolar geometry kept (a fundamental matrix by LO-RANSAC, for which no focal length is needed), and the features of one
-//! photograph lifted by the prior's depth, so that three of them give the pose of the other (P3P in RANSAC). The best pairs
-//! join all photographs to the reference; then poses, depths, the scales of the priors and, where it was assumed, one common
-//! focal length are adjusted to all matches. With pixels \\( p \\), rays \\( d \\), the prior \\( D \\) and Huber's loss
+//! [`estimate_poses`] needs no pose. SIFT features of each photograph are matched, of more than 12 photographs with those that
+//! share most of the coarsest features, pairs of one epipolar geometry kept (a fundamental matrix by LO-RANSAC, for which no focal
+//! length is needed), and the features of one photograph lifted by the prior's depth, so that three of them give the pose of the
+//! other (P3P in RANSAC). The best pairs join all photographs to the reference; then poses, depths, the scales of the priors and,
+//! where it was assumed, one common focal length are adjusted to all matches. With pixels \\( p \\), rays \\( d \\), the prior \\( D \\) and Huber's loss
 //! \\( \rho \\):
 //!
 //! \\[ \min \sum_{k, v} \rho\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
@@ -36,20 +35,18 @@ mod two_view;
 
 pub use depth::{depth_variance, relative_covariance};
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
-pub use features::{DESCRIPTOR_LENGTH, Features, Keypoint};
-pub use matching::{Match, match_features};
 pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
-pub use tracks::{Track, TrackPixel};
 
 use crate::{Callback, Error, Result, check_map, notify};
 use bundle::Lens;
-use mde_warp::PinholeCamera;
+use features::Features;
+use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Vector2, Vector3};
-use ndarray::{ArrayView2, ArrayView3};
+use ndarray::{ArrayView2, ArrayView3, CowArray, Ix2};
 use rayon::prelude::*;
-use std::borrow::Cow;
+use two_view::Pair;
 
 /// Longer side of the photographs whose pixels all limits are in; they grow with a photograph.
 const LONGER_SIDE: f64 = 640.0;
@@ -67,16 +64,10 @@ pub struct PoseInput<'a> {
     pub prior: Option<ArrayView2<'a, f32>>,
 }
 
-/// A match's distance over the second best at most (Lowe, 2004).
-const RATIO: f64 = 0.8;
 /// Largest distance from the epipolar geometry, pixels of a photograph of [`LONGER_SIDE`], as all that follow.
 const EPIPOLAR_PIXELS: f64 = 1.5;
-/// Largest distance of a point lifted by the prior from where it was seen, pixels.
-const RESECTION_PIXELS: f64 = 12.0;
 /// Largest residual of a match after the adjustment, pixels.
 const OUTLIER_PIXELS: f64 = 3.0;
-/// Samples of a RANSAC at most.
-const SAMPLES: usize = 2000;
 /// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
 const PRIOR_SIGMA: f64 = 0.25;
 /// The same of a map that is constant, which gives the unit and no shape; it is not measured, since poses bend to it where parallax is small.
@@ -89,9 +80,9 @@ const REGIONS: f64 = 30.0;
 const FOCAL_SIGMA: f64 = 0.2;
 
 /// Matches that a photograph needs.
-pub const MIN_MATCHES: usize = 20;
+const MIN_MATCHES: usize = 20;
 /// Features of a photograph at most in [`estimate_poses`] and [`refine_poses`].
-pub const MAX_FEATURES: usize = 3000;
+const MAX_FEATURES: usize = 3000;
 /// The same in a long capture, whose given poses need fewer: matching takes the square of them.
 const MAX_FEATURES_OF_MANY: usize = 1500;
 
@@ -105,20 +96,17 @@ fn shared_error_factor(matches: usize) -> f64 {
     (matches as f64 / REGIONS).max(1.0).sqrt()
 }
 
-/// A photograph with its features, as the stages below take it.
+/// A photograph with its features.
 #[derive(Debug)]
 struct FeatureImage<'a> {
-    features: Cow<'a, Features>,
+    features: Features,
     lens: Lens,
-    prior: Option<ArrayView2<'a, f32>>,
+    prior: Option<CowArray<'a, f32, Ix2>>,
 }
 
 impl<'a> FeatureImage<'a> {
-    fn detected(photograph: &PoseInput<'a>, max_features: usize) -> Result<Self> {
-        Self::new(photograph, Features::detect(photograph.image, max_features)?)
-    }
-
-    fn new(photograph: &PoseInput<'a>, features: Features) -> Result<Self> {
+    fn new(photograph: &PoseInput<'a>, max_features: usize) -> Result<Self> {
+        let features = Features::detect(photograph.image, max_features)?;
         let camera = &photograph.camera;
         camera.validate()?;
         let (height, width, _) = photograph.image.dim();
@@ -132,16 +120,16 @@ impl<'a> FeatureImage<'a> {
             assumed: photograph.focal_assumed,
             noise: width.max(height) as f64 / LONGER_SIDE,
         };
-        Ok(Self { features: Cow::Owned(features), lens, prior: photograph.prior })
+        Ok(Self { features, lens, prior: photograph.prior.map(CowArray::from) })
     }
 
     /// All photographs' features, in parallel.
     fn all(photographs: &[PoseInput<'a>], max_features: usize) -> Result<Vec<Self>> {
-        photographs.par_iter().map(|photograph| Self::detected(photograph, max_features)).collect()
+        photographs.par_iter().map(|photograph| Self::new(photograph, max_features)).collect()
     }
 
-    fn ray(&self, pixel: &Point2<f64>) -> Vector3<f64> {
-        (pixel.coords - self.lens.centre).component_div(&self.lens.focal).push(1.0)
+    fn pixel(&self, feature: usize) -> Point2<f64> {
+        self.features.keypoints[feature].pixel
     }
 
     /// Logarithm of the prior's depth at the nearest pixel.
@@ -153,35 +141,33 @@ impl<'a> FeatureImage<'a> {
     }
 }
 
+fn centre(pose: &Pose) -> Vector3<f64> {
+    pose.inverse().translation.vector
+}
+
 /// The reference, then the others in the order given.
-fn in_order(photographs: &[PoseInput], reference: usize) -> Result<Vec<usize>> {
+fn reference_first<'a>(photographs: &[PoseInput<'a>], reference: usize) -> Result<Vec<PoseInput<'a>>> {
     if photographs.len() < 2 {
         return Err(Error::config("number of photographs", photographs.len(), "give at least 2"));
     }
     if reference >= photographs.len() {
         return Err(Error::config("reference", reference, "give the index of one of the photographs"));
     }
-    let others = (0..photographs.len()).filter(|&index| index != reference);
-    Ok(std::iter::once(reference).chain(others).collect())
+    let mut sorted = photographs.to_vec();
+    sorted[..=reference].rotate_right(1);
+    Ok(sorted)
 }
 
-/// A pair of photographs by their places among the shots, and its matches.
-type Relation = fn([&FeatureImage; 2], [usize; 2], &[Match], u64) -> two_view::Pair;
-
-/// The pairs of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
-fn match_pairs(
-    shots: &[FeatureImage],
-    pairs: &[(usize, usize)],
-    matches: impl Fn(usize, usize) -> Vec<Match> + Sync,
-    relation: Relation,
-    seed: u64,
+/// What those pairs of photographs have in common, some at once; the callback counts them.
+fn compared(
+    pairs: &[[usize; 2]],
+    compare: impl Fn([usize; 2]) -> Pair + Sync,
     callback: &mut Callback<'_>,
-) -> Result<Vec<two_view::Pair>> {
-    let of_pair = |&(i, j): &(usize, usize)| relation([&shots[i], &shots[j]], [i, j], &matches(i, j), seed);
+) -> Result<Vec<Pair>> {
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.
     for part in pairs.chunks(8 * rayon::current_num_threads()) {
-        found.par_extend(part.par_iter().map(of_pair));
+        found.par_extend(part.par_iter().map(|pair| compare(*pair)));
         notify(callback, found.len(), pairs.len())?;
     }
     Ok(found)

@@ -1,13 +1,13 @@
 //! Which photographs of a capture are compared with which.
 
-use super::RATIO;
+use super::centre;
 use super::features::Features;
 use super::matching::match_features;
 use mde_warp::Pose;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Ranks, by distance, of the photographs that one is compared with: the nearest for their matches, some of the further for their
 /// baseline.
@@ -24,7 +24,6 @@ const MOST_TURNED: f64 = 60.0;
 /// The other photographs that look the same way to 60 degrees, by the distance of their centres, the nearest first; all others where none
 /// does.
 pub fn nearest(poses: &[Pose], photograph: usize) -> Vec<usize> {
-    let centre = |pose: &Pose| pose.inverse().translation.vector;
     let axis = |pose: &Pose| pose.inverse().rotation * Vector3::z();
     let (here, own) = (centre(&poses[photograph]), axis(&poses[photograph]));
     let distance = |other: usize| (centre(&poses[other]) - here).norm();
@@ -36,8 +35,12 @@ pub fn nearest(poses: &[Pose], photograph: usize) -> Vec<usize> {
     if same.is_empty() { others.into_iter().map(|(_, i)| i).collect() } else { same }
 }
 
+fn pair(a: usize, b: usize) -> [usize; 2] {
+    [a.min(b), a.max(b)]
+}
+
 /// The pairs to be matched, each once, in order. Their number grows with that of the photographs, not with its square.
-pub(super) fn pairs(poses: &[Pose]) -> Vec<(usize, usize)> {
+pub(super) fn pairs(poses: &[Pose]) -> Vec<[usize; 2]> {
     if poses.len() <= FEW {
         return all(poses.len());
     }
@@ -45,41 +48,37 @@ pub(super) fn pairs(poses: &[Pose]) -> Vec<(usize, usize)> {
     for photograph in 0..poses.len() {
         let others = nearest(poses, photograph);
         let near = RANKS.iter().filter_map(|&rank| others.get(rank));
-        pairs.extend(near.map(|&other| (photograph.min(other), photograph.max(other))));
+        pairs.extend(near.map(|&other| pair(photograph, other)));
     }
     pairs.into_iter().collect()
 }
 
 /// The pairs to be matched where no pose is known, each once, in order: every photograph with the next two, since most captures are a walk,
 /// and with the [`PARTNERS`] of which most of the coarsest features are matched (Wu, 2013). Their number grows with that of the photographs.
-pub(super) fn likely(features: &[&Features]) -> Vec<(usize, usize)> {
+pub(super) fn likely(features: &[&Features]) -> Vec<[usize; 2]> {
     let count = features.len();
     if count <= FEW {
         return all(count);
     }
     let coarsest: Vec<Features> = features.par_iter().map(|features| features.coarsest(PREVIEW)).collect();
-    let previewed: Vec<((usize, usize), usize)> = all(count)
+    let matches: BTreeMap<[usize; 2], usize> = all(count)
         .into_par_iter()
-        .map(|(i, j)| ((i, j), match_features(&coarsest[i], &coarsest[j], RATIO).len()))
+        .map(|[i, j]| ([i, j], match_features(&coarsest[i], &coarsest[j]).len()))
         .collect();
-    let mut matches = vec![vec![0; count]; count];
-    for ((i, j), found) in previewed {
-        (matches[i][j], matches[j][i]) = (found, found);
-    }
     let mut pairs = BTreeSet::new();
-    for (photograph, matches) in matches.iter().enumerate() {
+    for photograph in 0..count {
         let mut others: Vec<usize> = (0..count).filter(|&other| other != photograph).collect();
-        others.sort_by_key(|&other| (Reverse(matches[other]), photograph.abs_diff(other)));
+        others.sort_by_key(|&other| (Reverse(matches[&pair(photograph, other)]), photograph.abs_diff(other)));
         let following = (photograph + 1..count).take(2);
         let partners = others.into_iter().take(PARTNERS).chain(following);
-        pairs.extend(partners.map(|other| (photograph.min(other), photograph.max(other))));
+        pairs.extend(partners.map(|other| pair(photograph, other)));
     }
     pairs.into_iter().collect()
 }
 
 /// Every pair of that many photographs.
-pub(super) fn all(count: usize) -> Vec<(usize, usize)> {
-    (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j))).collect()
+pub(super) fn all(count: usize) -> Vec<[usize; 2]> {
+    (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j])).collect()
 }
 
 /// Groups of neighbours whose poses are adjusted together; every photograph is in one. The first is the reference, which stays.
@@ -89,9 +88,7 @@ pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
     while let Some(&first) = open.first() {
         let near = nearest(poses, first).into_iter().filter(|other| open.contains(other));
         let window: Vec<usize> = std::iter::once(first).chain(near).take(FEW).collect();
-        window.iter().for_each(|photograph| {
-            open.remove(photograph);
-        });
+        open.retain(|photograph| !window.contains(photograph));
         windows.push(window);
     }
     windows
@@ -100,7 +97,7 @@ pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::poses::{DESCRIPTOR_LENGTH, Keypoint};
+    use crate::poses::features::{DESCRIPTOR_LENGTH, Keypoint};
     use crate::synthetic::pose_at;
     use mde_uncertainty::random::CounterRng;
     use nalgebra::Point2;
@@ -142,7 +139,7 @@ mod tests {
         for i in 0..count {
             for j in i + 1..count {
                 let beside = place(i).abs_diff(place(j)) <= 2;
-                assert!(!beside || pairs.contains(&(i, j)), "{i} {j}");
+                assert!(!beside || pairs.contains(&[i, j]), "{i} {j}");
             }
         }
     }
@@ -162,7 +159,7 @@ mod tests {
             let pairs = pairs(&poses);
             prop_assert!(pairs.len() <= 6 * count);
             let turned = |i: usize| i > 2 * count / 3;
-            let across = pairs.iter().filter(|(i, j)| turned(*i) != turned(*j)).count();
+            let across = pairs.iter().filter(|[i, j]| turned(*i) != turned(*j)).count();
             prop_assert_eq!(across, 0);
             let mut all: Vec<usize> = windows(&poses).concat();
             all.sort_unstable();

@@ -1,16 +1,16 @@
-use super::bundle::{Bundle, Covariance, Observed, PosePrior};
-use super::estimate::{LEAST_NOISE, Verdict};
-use super::tracks::{self, Track};
-use super::two_view::{self, Pair};
+use super::bundle::{Bundle, Cameras, Given, Lens, Observed};
+use super::estimate::{EstimatedPose, LEAST_NOISE, Verdict};
+use super::matching::match_features;
+use super::two_view::{Pair, verified_matches};
 use super::{
-    FeatureImage, MAX_FEATURES, MAX_FEATURES_OF_MANY, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS,
-    in_order, match_pairs, matching, neighbours, shared_error_factor,
+    FeatureImage, MAX_FEATURES, MAX_FEATURES_OF_MANY, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, REGIONS,
+    centre, compared, neighbours, reference_first, shared_error_factor, tracks,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
-use nalgebra::{Matrix6, Point2};
+use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;
 use rayon::prelude::*;
 
@@ -39,38 +39,31 @@ const GIVEN_PIXELS: f64 = 15.0;
 /// Given poses after refinement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
-    /// One per photograph, in the order given. The reference's is unchanged; all are where [`accepted`](Self::accepted) is false.
-    pub poses: Vec<Pose>,
+    /// One per photograph, in the order given. The reference's pose is unchanged; all are where [`accepted`](Self::accepted) is false.
+    /// Poses that are kept have covariances too, by the matches and the deviations that are allowed.
+    pub photographs: Vec<EstimatedPose>,
     /// Whether withheld matches fit better with refined poses.
     pub accepted: bool,
     /// Median distance of withheld matches from where they should be, with the given poses and with those refined without them,
     /// in pixels of a photograph of 640 on the longer side. Nothing where there are too few matches.
     pub withheld: Option<[f64; 2]>,
-    /// Covariance of each pose's left perturbation, translation, then rotation in radians, by the matches and the deviations that are allowed,
-    /// for poses that are kept too; none without enough matches.
-    pub covariances: Vec<Option<Matrix6<f64>>>,
-    /// Points seen by at least two photographs, with the poses that are returned.
-    pub tracks: Vec<Track>,
-    /// Whether each photograph belongs to its pose, by its matches with its neighbours. One that does not had no part in the rest.
-    pub verdicts: Vec<Verdict>,
-    /// Matches of each photograph with its neighbours that fit the poses that are returned to 3 pixels.
-    pub matches: Vec<usize>,
+    /// Pixels of the reference (x: column, y: row) and their depths by the matches, in the unit of the poses.
+    pub depths: Vec<(Point2<f64>, f64)>,
 }
 
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
 /// Neighbours are matched: all with all up to 12 photographs, of more each with 6 that are near it and look the same way, by half as
-/// many features. A photograph
-/// of whose matches less than a quarter fits its pose, or that has features but no matches, is left out ([`Verdict::Contradicted`],
-/// [`Verdict::Unmatched`]), the worst first, since the others are judged again without it.
+/// many features. A photograph of whose matches less than a quarter fits its pose, or that has features but no matches, is left out
+/// ([`Verdict::Contradicted`], [`Verdict::Unmatched`]), the worst first, since the others are judged again without it.
 ///
 /// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
 /// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
-/// count as that, so that wrong matches do not decide. Of the trials and the given poses the one that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
-/// adjusted to all tracks. Up to 13 photographs are adjusted at once, more in windows of 12 neighbours in turn, with the other poses kept, and
-/// the trials are made on three of the windows. With fewer than [`MIN_MATCHES`](super::MIN_MATCHES) tracks the given poses are kept. The
-/// callback counts the pairs of photographs as they are matched.
+/// count as that, so that wrong matches do not decide. Of the trials and the given poses that fit the withheld tracks as well as the
+/// best within two standard errors, the one that moves least is kept; it is then adjusted to all tracks. Up to 13 photographs are
+/// adjusted at once, more in windows of 12 neighbours in turn, with the other poses kept, and the trials are made on three of the
+/// windows. With fewer than 20 tracks the given poses are kept. The callback counts the pairs of photographs as they are matched.
 ///
 /// # Errors
 /// Those of [`estimate_poses`](super::estimate_poses) but for the prior, [`Error::Config`] for another number of poses than of
@@ -82,7 +75,7 @@ pub fn refine_poses(
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Refined> {
-    let order = in_order(photographs, reference)?;
+    let sorted = reference_first(photographs, reference)?;
     if poses.len() != photographs.len() {
         return Err(Error::config("number of poses", poses.len(), "give one for each photograph"));
     }
@@ -92,46 +85,40 @@ pub fn refine_poses(
     if !poses.iter().all(finite) {
         return Err(Error::View(mde_warp::Error::Pose { which: "given" }));
     }
-    let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
-    let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
-    let few = sorted.len() <= neighbours::FEW;
-    let shots = FeatureImage::all(&sorted, if few { MAX_FEATURES } else { MAX_FEATURES_OF_MANY })?;
-    let found = |i: usize, j: usize| matching::match_features(&shots[i].features, &shots[j].features, RATIO);
-    let near = neighbours::pairs(&given);
-    let pairs = match_pairs(&shots, &near, found, two_view::verified_matches, seed, callback)?;
+    let mut given = poses.to_vec();
+    given[..=reference].rotate_right(1);
+    let many = sorted.len() > neighbours::FEW;
+    let shots = FeatureImage::all(&sorted, if many { MAX_FEATURES_OF_MANY } else { MAX_FEATURES })?;
+    let compare = |[i, j]: [usize; 2]| {
+        let found = match_features(&shots[i].features, &shots[j].features);
+        verified_matches([&shots[i], &shots[j]], [i, j], &found, seed)
+    };
+    let pairs = compared(&neighbours::pairs(&given), compare, callback)?;
 
     let mut capture =
-        Given { shots: &shots, pairs: &pairs, poses: &given, verdicts: vec![Verdict::Posed; given.len()] };
+        Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts: vec![Verdict::Posed; given.len()] };
     capture.verdicts[0] = Verdict::Reference;
     while capture.leave_out(&given, GIVEN_PIXELS) {}
     let mut adjusted = capture.adjusted(seed);
-    while capture.leave_out(&adjusted.bundle.poses, OUTLIER_PIXELS) {
+    while capture.leave_out(&adjusted.bundle.cameras.poses, OUTLIER_PIXELS) {
         adjusted = capture.adjusted(seed);
     }
-    let Adjusted { bundle, covariance, accepted, withheld } = adjusted;
-    let fitting = capture.agreement(&bundle, OUTLIER_PIXELS);
-    let mut result = Refined {
-        poses: poses.to_vec(),
-        accepted,
-        withheld,
-        covariances: vec![None; poses.len()],
-        tracks: bundle.report_tracks(covariance.as_ref(), &order),
-        verdicts: vec![Verdict::Posed; poses.len()],
-        matches: vec![0; poses.len()],
+    let Adjusted { bundle, covariances, accepted, withheld } = adjusted;
+    let fitting = capture.agreement(&bundle.cameras, OUTLIER_PIXELS);
+    let of_photograph = |v: usize| EstimatedPose {
+        pose: capture.verdicts[v].has_pose().then_some(bundle.cameras.poses[v]),
+        camera: sorted[v].camera,
+        verdict: capture.verdicts[v],
+        matches: fitting[v][1],
+        covariance: covariances[v],
     };
-    for (v, &place) in order.iter().enumerate() {
-        if capture.verdicts[v].has_pose() {
-            result.poses[place] = bundle.poses[v];
-        }
-        result.covariances[place] = covariance.as_ref().and_then(|c| c.poses[v]);
-        result.verdicts[place] = capture.verdicts[v];
-        result.matches[place] = fitting[v][1];
-    }
-    Ok(result)
+    let mut photographs: Vec<EstimatedPose> = (0..sorted.len()).map(of_photograph).collect();
+    photographs[..=reference].rotate_left(1);
+    Ok(Refined { photographs, accepted, withheld, depths: bundle.reference_depths() })
 }
 
 /// Matched photographs with given poses, the reference first.
-struct Given<'g, 'p> {
+struct Capture<'g, 'p> {
     shots: &'g [FeatureImage<'p>],
     pairs: &'g [Pair],
     poses: &'g [Pose],
@@ -141,56 +128,45 @@ struct Given<'g, 'p> {
 /// Poses and tracks as they are kept.
 struct Adjusted {
     bundle: Bundle,
-    covariance: Option<Covariance>,
+    covariances: Vec<Option<Matrix6<f64>>>,
     accepted: bool,
     withheld: Option<[f64; 2]>,
 }
 
-impl Given<'_, '_> {
-    fn is_kept(&self, v: usize) -> bool {
-        self.verdicts[v].has_pose()
-    }
-
+impl Capture<'_, '_> {
     /// Leaves out the photograph that fits its pose least, if it does not; `cut` is in pixels. Returns whether there was one.
     fn leave_out(&mut self, poses: &[Pose], cut: f64) -> bool {
-        let bundle = Bundle { poses: poses.to_vec(), ..self.bundle(Vec::new()) };
-        let found = self.agreement(&bundle, cut);
+        let found = self.agreement(&self.cameras(poses), cut);
         let of = |v: usize| {
             let [matches, agreeing] = found[v];
             let features = self.shots[v].features.keypoints.len();
             if matches < MIN_MATCHES {
-                return (features >= PLENTY)
-                    .then_some((0.0, Verdict::Unmatched { matches, need: MIN_MATCHES }));
+                return (features >= PLENTY).then_some((0.0, Verdict::Unmatched(matches)));
             }
             let share = agreeing as f64 / matches as f64;
             (share < LEAST_AGREEING).then_some((share, Verdict::Contradicted { matches, agreeing }))
         };
-        let doubtful = (0..found.len()).filter(|&v| self.is_kept(v)).filter_map(|v| Some((v, of(v)?)));
+        let doubtful =
+            (0..found.len()).filter(|&v| self.verdicts[v].has_pose()).filter_map(|v| Some((v, of(v)?)));
         let Some((v, (_, verdict))) = doubtful.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else { return false };
         self.verdicts[v] = verdict;
         true
     }
 
     /// Matches of every photograph with those that are kept, and how many fall within `cut` pixels with a depth of their own.
-    fn agreement(&self, bundle: &Bundle, cut: f64) -> Vec<[usize; 2]> {
-        let kept: Vec<&Pair> =
-            self.pairs.iter().filter(|pair| self.is_kept(pair.first) && self.is_kept(pair.second)).collect();
+    fn agreement(&self, cameras: &Cameras, cut: f64) -> Vec<[usize; 2]> {
+        let kept = self.kept_pairs();
         let fitting = |pair: &&Pair| {
-            let fits = |[a, b]: &[usize; 2]| {
-                let pixel = |v: usize, i: usize| self.shots[v].features.keypoints[i].pixel;
-                let views = vec![(pair.second, pixel(pair.second, *b))];
-                let mut track = Observed {
-                    anchor: pair.first,
-                    pixel: pixel(pair.first, *a),
-                    inverse_depth: 0.0,
-                    prior: None,
-                    views,
-                };
-                bundle.triangulate_track(&mut track);
-                let (view, there) = &track.views[0];
-                bundle.residual(&track, *view, there).is_some_and(|r| r.norm() <= cut)
+            let fits = |[a, b]: &&[usize; 2]| {
+                let [pixel, there] =
+                    [(pair.first, *a), (pair.second, *b)].map(|(v, i)| self.shots[v].pixel(i));
+                let views = vec![(pair.second, there)];
+                let mut track =
+                    Observed { anchor: pair.first, pixel, inverse_depth: 0.0, prior: None, views };
+                cameras.triangulate(&mut track);
+                cameras.residual(&track, pair.second, &there).is_some_and(|r| r.norm() <= cut)
             };
-            pair.agreeing.iter().filter(|matched| fits(matched)).count()
+            pair.agreeing.iter().filter(fits).count()
         };
         let fitting: Vec<usize> = kept.par_iter().map(fitting).collect();
         let mut found = vec![[0; 2]; self.shots.len()];
@@ -203,55 +179,49 @@ impl Given<'_, '_> {
         found
     }
 
-    fn bundle(&self, tracks: Vec<Observed>) -> Bundle {
-        let count = self.shots.len();
-        Bundle {
-            lenses: self
-                .shots
-                .iter()
-                .map(|shot| super::bundle::Lens { assumed: false, ..shot.lens })
-                .collect(),
-            poses: self.poses.to_vec(),
-            fixed: (0..count).map(|v| v == 0).collect(),
-            log_focal: 0.0,
-            focal_sigma: 1.0,
-            log_scales: vec![0.0; count],
-            keep_scale: false,
-            prior_sigmas: vec![1.0; count],
-            pose_priors: vec![None; count],
-            tracks,
-        }
+    fn kept_pairs(&self) -> Vec<&Pair> {
+        let kept = |v: usize| self.verdicts[v].has_pose();
+        self.pairs.iter().filter(|pair| kept(pair.first) && kept(pair.second)).collect()
+    }
+
+    fn cameras(&self, poses: &[Pose]) -> Cameras {
+        let lenses = self.shots.iter().map(|shot| Lens { assumed: false, ..shot.lens }).collect();
+        Cameras::new(lenses, poses.to_vec(), 0)
     }
 
     /// The given poses, or those that fit withheld tracks better.
     fn adjusted(&self, seed: u64) -> Adjusted {
-        let kept = |pair: &&Pair| self.is_kept(pair.first) && self.is_kept(pair.second);
         let rank: Vec<usize> = (0..self.shots.len()).collect();
-        let groups = tracks::join(self.shots, &self.pairs.iter().filter(kept).collect::<Vec<_>>(), &rank);
-        let mut bundle = self.bundle(groups.into_iter().filter_map(observed).collect());
+        let tracks = tracks::join(self.shots, &self.kept_pairs(), &rank);
+        let mut bundle = Bundle { cameras: self.cameras(self.poses), tracks };
         bundle.triangulate();
         let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
         let still = self.poses.iter().all(|pose| centre(pose) == centre(&self.poses[0]));
         let Some(depth) = median(depths).filter(|_| !still && bundle.tracks.len() >= MIN_MATCHES) else {
-            return Adjusted { bundle, covariance: None, accepted: false, withheld: None };
+            let covariances = vec![None; self.poses.len()];
+            return Adjusted { bundle, covariances, accepted: false, withheld: None };
         };
-        for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
-            *prior = (v != 0).then(|| PosePrior {
-                pose: self.poses[v],
-                rotation_sigma: ROTATION_SIGMA_DEGREES.to_radians(),
-                centre_sigma: CENTRE_SIGMA * depth,
-            });
-        }
+        bundle.cameras.given = Some(Given {
+            poses: self.poses.to_vec(),
+            rotation_sigma: ROTATION_SIGMA_DEGREES.to_radians(),
+            centre_sigma: CENTRE_SIGMA * depth,
+        });
         let windows = neighbours::windows(self.poses);
         let on_trial: Vec<Vec<usize>> =
             windows.iter().step_by(windows.len().div_ceil(TRIALS)).cloned().collect();
-        let judge =
-            if on_trial.len() < windows.len() { bundle.of_views(&on_trial.concat()) } else { bundle.clone() };
-        let folds = folds(&judge, seed);
+        let (judge, _) = bundle.window(&on_trial.concat());
+        let draw = |track: usize| CounterRng::new(seed, "withheld", 0, track as u64).random_range(0..FOLDS);
+        let drawn: Vec<usize> = (0..judge.tracks.len()).map(draw).collect();
+        // The tracks that are withheld in a fold, or the others.
+        let part = |fold: usize, withheld: bool| {
+            let tracks = judge.tracks.iter().zip(&drawn).filter(|(_, of)| (**of == fold) == withheld);
+            let tracks = tracks.map(|(track, _)| track.clone()).collect();
+            Bundle { cameras: judge.cameras.clone(), tracks }
+        };
         let refined = |share: f64, mut next: Bundle, windows: &[Vec<usize>]| {
-            for prior in next.pose_priors.iter_mut().flatten() {
-                prior.rotation_sigma *= share;
-                prior.centre_sigma *= share;
+            if let Some(given) = &mut next.cameras.given {
+                given.rotation_sigma *= share;
+                given.centre_sigma *= share;
             }
             next.adjust_windows(windows);
             next.triangulate();
@@ -260,24 +230,25 @@ impl Given<'_, '_> {
             next
         };
         // The given poses first, then every trust, each over all folds.
-        let trials: Vec<(Option<f64>, &Fold)> = std::iter::once(None)
+        let trials: Vec<(Option<f64>, usize)> = std::iter::once(None)
             .chain(TRUST.map(Some))
-            .flat_map(|share| folds.iter().map(move |fold| (share, fold)))
+            .flat_map(|share| (0..FOLDS).map(move |fold| (share, fold)))
             .collect();
-        let with = |tracks: &[Observed]| Bundle { tracks: tracks.to_vec(), ..judge.clone() };
         let judged: Vec<Vec<f64>> = trials
             .par_iter()
-            .map(|(share, fold)| {
-                let mut judged = with(&fold.withheld);
+            .map(|&(share, fold)| {
+                let mut judged = part(fold, true);
                 if let Some(share) = share {
-                    judged.poses = refined(*share, with(&fold.kept), &on_trial).poses;
+                    judged.cameras.poses = refined(share, part(fold, false), &on_trial).cameras.poses;
                 }
                 judged.triangulate();
-                judged.errors(OUTLIER_PIXELS)
+                let distance =
+                    |r: Option<Vector2<f64>>| r.map_or(OUTLIER_PIXELS, |r| r.norm().min(OUTLIER_PIXELS));
+                judged.residuals().map(distance).collect()
             })
             .collect();
         let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
-        let chosen = least_moved(&errors, REGIONS);
+        let chosen = least_moved(&errors);
         let withheld =
             chosen.map(|chosen| [0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
         let share = chosen.and_then(|chosen| chosen.checked_sub(1)).and_then(|i| TRUST.get(i));
@@ -291,61 +262,24 @@ impl Given<'_, '_> {
         };
         let noise =
             shared_error_factor(bundle.tracks.len() / windows.len()) * bundle.noise().max(LEAST_NOISE);
-        let covariance = bundle.covariance_of_windows(&windows, noise);
-        Adjusted { bundle, covariance, accepted: share.is_some(), withheld }
+        let covariances = bundle.covariances_of_windows(&windows, noise);
+        Adjusted { bundle, covariances, accepted: share.is_some(), withheld }
     }
-}
-
-/// Tracks that an adjustment has, and those that judge it.
-struct Fold {
-    kept: Vec<Observed>,
-    withheld: Vec<Observed>,
-}
-
-/// Every track is withheld in one of the folds.
-fn folds(bundle: &Bundle, seed: u64) -> Vec<Fold> {
-    let draw = |track: usize| CounterRng::new(seed, "withheld", 0, track as u64).random_range(0..FOLDS);
-    let drawn: Vec<usize> = (0..bundle.tracks.len()).map(draw).collect();
-    let of = |keep: &dyn Fn(usize) -> bool| {
-        let tracks = bundle.tracks.iter().zip(&drawn).filter(|(_, fold)| keep(**fold));
-        tracks.map(|(track, _)| track.clone()).collect()
-    };
-    (0..FOLDS).map(|fold| Fold { kept: of(&|f| f != fold), withheld: of(&|f| f == fold) }).collect()
 }
 
 /// The first of the candidates, the given poses and ever larger moves of them, that is not worse than the best by more than two
 /// standard errors of their difference on the same matches, where matches of one region share an error.
 ///
 /// Nothing without matches.
-fn least_moved(errors: &[Vec<f64>], regions: f64) -> Option<usize> {
+fn least_moved(errors: &[Vec<f64>]) -> Option<usize> {
     let sum = |e: &[f64]| e.iter().sum::<f64>();
     let best = errors.iter().filter(|e| !e.is_empty()).min_by(|a, b| sum(a).total_cmp(&sum(b)))?;
     errors.iter().position(|e| {
         let count = e.len() as f64;
         let mean = (sum(e) - sum(best)) / count;
         let spread = e.iter().zip(best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
-        mean <= BEYOND_NOISE * (spread / count.min(regions)).sqrt()
+        mean <= BEYOND_NOISE * (spread / count.min(REGIONS)).sqrt()
     })
-}
-
-fn observed(mut group: Vec<(usize, Point2<f64>)>) -> Option<Observed> {
-    let (anchor, pixel) = (!group.is_empty()).then(|| group.remove(0))?;
-    Some(Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views: group })
-}
-
-fn centre(pose: &Pose) -> nalgebra::Vector3<f64> {
-    pose.inverse().translation.vector
-}
-
-impl Bundle {
-    /// Distances of all observations from where they should be, at most `cut`.
-    fn errors(&self, cut: f64) -> Vec<f64> {
-        self.tracks
-            .iter()
-            .flat_map(|track| track.views.iter().map(move |(v, p)| self.residual(track, *v, p)))
-            .map(|r| r.map_or(cut, |r| r.norm().min(cut)))
-            .collect()
-    }
 }
 
 #[cfg(test)]
@@ -360,9 +294,9 @@ mod tests {
         // Alike within the error of the mean: the smaller move.
         let mut shuffled = near.clone();
         shuffled.rotate_left(3);
-        assert_eq!(least_moved(&[far.clone(), shuffled, nearer], 30.0), Some(1));
-        assert_eq!(least_moved(&[near.clone(), near.clone(), far.clone()], 30.0), Some(0));
-        assert_eq!(least_moved(&[far.clone(), far, near], 30.0), Some(2));
-        assert_eq!(least_moved(&[vec![], vec![]], 30.0), None);
+        assert_eq!(least_moved(&[far.clone(), shuffled, nearer]), Some(1));
+        assert_eq!(least_moved(&[near.clone(), near.clone(), far.clone()]), Some(0));
+        assert_eq!(least_moved(&[far.clone(), far, near]), Some(2));
+        assert_eq!(least_moved(&[vec![], vec![]]), None);
     }
 }

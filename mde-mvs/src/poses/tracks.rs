@@ -1,6 +1,7 @@
 //! Features of several photographs that are one point of the scene.
 
 use super::FeatureImage;
+use super::bundle::Observed;
 use super::two_view::Pair;
 use nalgebra::Point2;
 use std::collections::BTreeMap;
@@ -8,47 +9,15 @@ use std::collections::BTreeMap;
 /// Features of one photograph closer than this are one.
 const SAME_PIXELS: f64 = 1.0;
 
-/// A pixel at which a track was found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TrackPixel {
-    /// Index of the photograph.
-    pub photograph: usize,
-    /// Column and row.
-    pub pixel: Point2<f64>,
-    /// Distance to where the track's point is projected, in pixels of a photograph of 640 on the longer side. 0 at the anchor.
-    pub residual: f64,
-}
-
-/// A point of the scene that several photographs show.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Track {
-    /// Where it was found: the anchor first.
-    pub pixels: Vec<TrackPixel>,
-    /// Depth in the anchor, in the unit of the poses.
-    pub depth: f64,
-    /// Standard deviation of the depth's logarithm, poses included.
-    pub log_depth_sigma: f64,
-    /// Pixels by which the baseline moves it at most, of a photograph of 640 on the longer side.
-    pub parallax: f64,
-}
-
-/// Joins matches that share features. A track that has two places in one photograph is dropped: some match of it is wrong.
-///
-/// Each is a list of `(shot, pixel)`, by the rank of the shots; the first is the anchor.
-pub(super) fn join(
-    shots: &[FeatureImage],
-    pairs: &[&Pair],
-    rank: &[usize],
-) -> Vec<Vec<(usize, Point2<f64>)>> {
-    let starts: Vec<usize> = shots
-        .iter()
-        .scan(0, |sum, shot| {
-            let start = *sum;
-            *sum += shot.features.keypoints.len();
-            Some(start)
-        })
-        .collect();
-    let total = shots.iter().map(|shot| shot.features.keypoints.len()).sum();
+/// Joins matches that share features, as points at infinity without a prior. The anchor is the photograph of the least rank. A track
+/// that has two places in one photograph is dropped: some match of it is wrong.
+pub(super) fn join(shots: &[FeatureImage], pairs: &[&Pair], rank: &[usize]) -> Vec<Observed> {
+    let mut starts = Vec::with_capacity(shots.len());
+    let mut total = 0;
+    for shot in shots {
+        starts.push(total);
+        total += shot.features.keypoints.len();
+    }
     let mut parent: Vec<usize> = (0..total).collect();
     for pair in pairs {
         for [a, b] in &pair.agreeing {
@@ -64,20 +33,21 @@ pub(super) fn join(
             groups.entry(root(&mut parent, start + i)).or_default().push((shot, keypoint.pixel));
         }
     }
-    groups.into_values().filter_map(|group| distinct(group, rank)).collect()
+    groups.into_values().filter_map(|group| track(group, rank)).collect()
 }
 
-/// One pixel per shot, by rank; nothing for a single shot or one with two places.
-fn distinct(mut group: Vec<(usize, Point2<f64>)>, rank: &[usize]) -> Option<Vec<(usize, Point2<f64>)>> {
-    group.sort_by_key(|(shot, _)| rank[*shot]);
+/// Nothing for a single shot or one with two places.
+fn track(mut views: Vec<(usize, Point2<f64>)>, rank: &[usize]) -> Option<Observed> {
+    views.sort_by_key(|(shot, _)| rank[*shot]);
     let apart = |pair: &[(usize, Point2<f64>)]| {
         pair[0].0 == pair[1].0 && (pair[0].1 - pair[1].1).norm() > SAME_PIXELS
     };
-    if group.windows(2).any(apart) {
+    if views.windows(2).any(apart) {
         return None;
     }
-    group.dedup_by_key(|(shot, _)| *shot);
-    (group.len() > 1).then_some(group)
+    views.dedup_by_key(|(shot, _)| *shot);
+    let (anchor, pixel) = views.remove(0);
+    (!views.is_empty()).then_some(Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views })
 }
 
 fn root(parent: &mut [usize], mut index: usize) -> usize {

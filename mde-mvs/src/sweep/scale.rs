@@ -166,12 +166,15 @@ fn rows(matches: &[Match]) -> Vec<Row> {
 impl Scale {
     /// The factor that the matches agree on; nothing with fewer than 16.
     pub fn fit(matches: &[Match]) -> Option<Self> {
-        let rows = rows(matches);
+        let mut rows = rows(matches);
         if rows.len() < MIN_MATCHES {
             return None;
         }
-        // An infinitely strong prior on the contrast leaves the offset.
-        let fit = cauchy_line(&rows, 1e12)?;
+        // The contrast is 1, so that the ratio of the depths is an offset alone.
+        for row in &mut rows {
+            (row.0, row.1) = (0.0, row.1 - row.0);
+        }
+        let fit = cauchy_line(&rows, 1.0)?;
         let (log_scale, variance) = (fit.solution[0], fit.covariance[(0, 0)]);
         Some(Self { log_scale, variance, spread: fit.spread, matches: rows.len() })
     }
@@ -282,6 +285,16 @@ mod tests {
             let (a, b) = (Scale::fit(&plain).unwrap(), Scale::fit(&scaled).unwrap());
             prop_assert!((b.log_scale - a.log_scale - f64::from(factor).ln()).abs() < 1e-3);
         }
+    }
+
+    /// The contrast of a scale is 1, however many matches say otherwise and whatever they weigh.
+    #[test]
+    fn a_common_factor_of_the_weights_does_not_change_the_scale() {
+        let plain = matches(0.3, 1.1, 1, 5);
+        let heavy: Vec<Match> = plain.iter().map(|m| Match { weight: 1e12, ..*m }).collect();
+        let (a, b) = (Scale::fit(&plain).unwrap(), Scale::fit(&heavy).unwrap());
+        assert!((a.log_scale - b.log_scale).abs() < 1e-9, "{a:?} {b:?}");
+        assert!((a.variance / b.variance - 1.0).abs() < 1e-9, "{a:?} {b:?}");
     }
 
     #[test]

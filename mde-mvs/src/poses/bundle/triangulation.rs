@@ -1,6 +1,6 @@
 //! Depths of tracks from their matches, with the poses as they are.
 
-use super::{Bundle, INVERSE_DEPTH, Linear, Observed, Seen};
+use super::{Bundle, Cameras, INVERSE_DEPTH, Linear, Observed, Seen};
 use nalgebra::Point2;
 
 /// Gauss-Newton steps of a track's depth.
@@ -9,14 +9,14 @@ const STEPS: usize = 10;
 impl Bundle {
     /// The depth of every track that fits its matches best.
     pub(in crate::poses) fn triangulate(&mut self) {
-        let mut tracks = std::mem::take(&mut self.tracks);
-        tracks.iter_mut().for_each(|track| self.triangulate_track(track));
-        self.tracks = tracks;
+        self.tracks.iter_mut().for_each(|track| self.cameras.triangulate(track));
     }
+}
 
+impl Cameras {
     /// The inverse depth \\( w \\) at which the distances of a track from where it was found have the least sum: the best of those
     /// of its views, and Gauss-Newton steps from it that are reweighted to the sum of distances.
-    pub(in crate::poses) fn triangulate_track(&self, track: &mut Observed) {
+    pub(in crate::poses) fn triangulate(&self, track: &mut Observed) {
         let cost_at = |track: &mut Observed, inverse_depth: f64| -> f64 {
             track.inverse_depth = inverse_depth;
             let residuals = track.views.iter().map(|(v, p)| self.residual(track, *v, p));
@@ -57,7 +57,7 @@ impl Bundle {
     /// by the angle between the rays and for any ratio of baseline to depth.
     fn inverse_depth(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> f64 {
         let Seen { rotation, translation, ray, .. } = self.seen(track, view);
-        let there = self.ray(view, pixel);
+        let there = self.lenses[view].ray(pixel, self.log_focal);
         let (turned, moved) = ((rotation * ray).cross(&there), translation.cross(&there));
         let found = -turned.dot(&moved) / moved.norm_squared();
         if found.is_finite() { found.clamp(INVERSE_DEPTH[0], INVERSE_DEPTH[1]) } else { INVERSE_DEPTH[0] }

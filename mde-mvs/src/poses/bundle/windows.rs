@@ -1,7 +1,8 @@
 //! Adjustment of a long capture by windows of neighbours.
 
-use super::{Bundle, Covariance, Observed};
+use super::{Bundle, Observed};
 use crate::poses::estimate::STEPS;
+use nalgebra::Matrix6;
 
 /// Rounds over the windows.
 const ROUNDS: usize = 2;
@@ -14,54 +15,34 @@ impl Bundle {
         for window in std::iter::repeat_n(windows, rounds).flatten() {
             let (mut part, own) = self.window(window);
             part.adjust(STEPS);
-            self.poses = part.poses;
+            self.cameras.poses = part.cameras.poses;
             own.into_iter().zip(part.tracks).for_each(|(i, track)| self.tracks[i] = track);
         }
     }
 
     /// The bundle of a window, and the indices of its tracks.
-    fn window(&self, window: &[usize]) -> (Self, Vec<usize>) {
+    pub(in crate::poses) fn window(&self, window: &[usize]) -> (Self, Vec<usize>) {
         let shows = |track: &Observed| {
             window.contains(&track.anchor) || track.views.iter().any(|(v, _)| window.contains(v))
         };
         let own: Vec<usize> = (0..self.tracks.len()).filter(|&i| shows(&self.tracks[i])).collect();
         let tracks = own.iter().map(|&i| self.tracks[i].clone()).collect();
-        let fixed = (0..self.poses.len()).map(|v| self.fixed[v] || !window.contains(&v)).collect();
-        let part = Self {
-            lenses: self.lenses.clone(),
-            poses: self.poses.clone(),
-            fixed,
-            log_scales: self.log_scales.clone(),
-            prior_sigmas: self.prior_sigmas.clone(),
-            pose_priors: self.pose_priors.clone(),
-            tracks,
-            ..*self
-        };
-        (part, own)
+        let mut cameras = self.cameras.clone();
+        cameras.fixed.iter_mut().enumerate().for_each(|(v, fixed)| *fixed |= !window.contains(&v));
+        (Self { cameras, tracks }, own)
     }
 
-    /// The tracks of those photographs alone.
-    pub(in crate::poses) fn of_views(&self, views: &[usize]) -> Self {
-        self.window(views).0
-    }
-
-    /// [`covariance`](Self::covariance) of each window with the other poses kept.
-    pub(in crate::poses) fn covariance_of_windows(
+    /// [`covariances`](Self::covariances) of each window with the other poses kept.
+    pub(in crate::poses) fn covariances_of_windows(
         &self,
         windows: &[Vec<usize>],
         noise: f64,
-    ) -> Option<Covariance> {
-        let mut all = Covariance {
-            poses: vec![None; self.poses.len()],
-            log_depths: vec![f64::INFINITY; self.tracks.len()],
-            log_focal: None,
-        };
+    ) -> Vec<Option<Matrix6<f64>>> {
+        let mut all = vec![None; self.cameras.poses.len()];
         for window in windows {
-            let (part, own) = self.window(window);
-            let found = part.covariance(noise)?;
-            window.iter().for_each(|&v| all.poses[v] = found.poses[v]);
-            own.iter().zip(found.log_depths).for_each(|(&i, variance)| all.log_depths[i] = variance);
+            let found = self.window(window).0.covariances(noise);
+            window.iter().for_each(|&v| all[v] = found[v]);
         }
-        Some(all)
+        all
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn turns(y: f32, x: f32) -> f32 {
 /// The RootSIFT descriptor: the square root of the clipped histogram over its sum.
 pub(super) fn describe(space: &ScaleSpace, extremum: &Extremum) -> [f32; LENGTH] {
     let plane = &space.octaves[extremum.octave].gaussians[extremum.layer];
-    let (width, height) = (plane.width as isize, plane.height as isize);
+    let (height, width) = (plane.nrows() as isize, plane.ncols() as isize);
     let (column, row) = (extremum.x.round() as isize, extremum.y.round() as isize);
     let cell = CELL_SIGMAS * extremum.sigma as f32;
     let diagonal = ((width * width + height * height) as f32).sqrt();

@@ -1,7 +1,8 @@
 //! Extrema of differences of Gaussians, and the directions of the gradient about them.
 
-use super::scale_space::{FIRST_SIGMA, LAYERS, Octave, Plane, ScaleSpace};
+use super::scale_space::{FIRST_SIGMA, LAYERS, Octave, ScaleSpace};
 use nalgebra::{Matrix3, Vector3};
+use ndarray::{Array2, ArrayView1};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -36,7 +37,7 @@ pub(super) struct Extremum {
 pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
     let mut all = Vec::new();
     for (index, octave) in space.octaves.iter().enumerate() {
-        let (width, height) = (octave.differences[0].width, octave.differences[0].height);
+        let (height, width) = octave.differences[0].dim();
         if width <= 2 * RIM || height <= 2 * RIM {
             break;
         }
@@ -63,7 +64,7 @@ pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
 fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
     let threshold = (0.5 * CONTRAST / LAYERS as f64) as f32;
     let middle = octave.differences[layer].row(y);
-    let neighbours: [&[f32]; 9] =
+    let neighbours: [ArrayView1<f32>; 9] =
         std::array::from_fn(|i| octave.differences[layer + i / 3 - 1].row(y + i % 3 - 1));
     (RIM..middle.len() - RIM)
         .filter(|&x| {
@@ -72,7 +73,7 @@ fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
                 return false;
             }
             let all = |test: fn(f32, f32) -> bool| {
-                neighbours.iter().all(|row| row[x - 1..=x + 1].iter().all(|&other| test(value, other)))
+                neighbours.iter().all(|row| (x - 1..=x + 1).all(|x| test(value, row[x])))
             };
             if value > 0.0 { all(|a, b| a >= b) } else { all(|a, b| a <= b) }
         })
@@ -81,12 +82,12 @@ fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
 
 /// The extremum of the quadratic through the neighbours; nothing where it is too weak or an edge.
 fn refine(octave: &Octave, index: usize, mut layer: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
-    let (width, height) = (octave.differences[0].width, octave.differences[0].height);
+    let (height, width) = octave.differences[0].dim();
     for step in 0.. {
         let [below, here, above] =
             [-1, 0, 1].map(|d: isize| &octave.differences[layer.wrapping_add_signed(d)]);
-        let d = |plane: &Plane, dx: isize, dy: isize| {
-            f64::from(plane.at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)))
+        let d = |plane: &Array2<f32>, dx: isize, dy: isize| {
+            f64::from(plane[(y.wrapping_add_signed(dy), x.wrapping_add_signed(dx))])
         };
         let value = d(here, 0, 0);
         let gradient = 0.5
@@ -134,8 +135,8 @@ fn refine(octave: &Octave, index: usize, mut layer: usize, mut x: usize, mut y: 
 }
 
 /// Gradient of a Gaussian at a pixel that is not on the rim: twice the central difference.
-pub(super) fn gradient(plane: &Plane, x: usize, y: usize) -> (f32, f32) {
-    (plane.at(x + 1, y) - plane.at(x - 1, y), plane.at(x, y + 1) - plane.at(x, y - 1))
+pub(super) fn gradient(plane: &Array2<f32>, x: usize, y: usize) -> (f32, f32) {
+    (plane[(y, x + 1)] - plane[(y, x - 1)], plane[(y + 1, x)] - plane[(y - 1, x)])
 }
 
 /// The extremum once for each strong direction of the gradient about it.
@@ -147,8 +148,8 @@ fn orient(octave: &Octave, extremum: &Extremum) -> Vec<Extremum> {
     let span = |at: usize, size: usize| at.saturating_sub(radius).max(1)..=(at + radius).min(size - 2);
 
     let mut raw = [0f32; DIRECTIONS];
-    for y in span(row, plane.height) {
-        for x in span(column, plane.width) {
+    for y in span(row, plane.nrows()) {
+        for x in span(column, plane.ncols()) {
             let (dx, dy) = gradient(plane, x, y);
             let squared = (x.abs_diff(column).pow(2) + y.abs_diff(row).pow(2)) as f32;
             let turn = super::descriptor::turns(dy, dx) * DIRECTIONS as f32;

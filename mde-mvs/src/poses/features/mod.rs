@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use scale_space::ScaleSpace;
 
 /// Length of a descriptor: 4 x 4 cells of 8 directions.
-pub const DESCRIPTOR_LENGTH: usize = descriptor::LENGTH;
+pub(super) const DESCRIPTOR_LENGTH: usize = descriptor::LENGTH;
 
 /// Pixels of the finest level at most. A photograph is enlarged twice where that stays below it, as Lowe does, and reduced where
 /// the photograph itself exceeds it.
@@ -24,24 +24,24 @@ const FINEST_PIXELS: usize = 1_300_000;
 
 /// Where a feature is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Keypoint {
+pub(super) struct Keypoint {
     /// Column and row in the photograph; pixel centres at integers.
-    pub pixel: Point2<f64>,
+    pub(super) pixel: Point2<f64>,
     /// Standard deviation of the Gaussian at which it is an extremum, pixels.
-    pub scale: f64,
+    pub(super) scale: f64,
     /// Direction of the gradient about it, radians from the column axis to the row axis, in \\( [0, 2 \pi) \\).
-    pub angle: f64,
+    pub(super) angle: f64,
     /// Contrast of the extremum.
-    pub response: f64,
+    pub(super) response: f64,
 }
 
 /// The features of one photograph.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Features {
+pub(super) struct Features {
     /// Where they are, strongest first.
-    pub keypoints: Vec<Keypoint>,
+    pub(super) keypoints: Vec<Keypoint>,
     /// `[keypoints, 128]`: square roots of histograms of sum 1, so the Euclidean norm is 1.
-    pub descriptors: Array2<f32>,
+    pub(super) descriptors: Array2<f32>,
 }
 
 impl Features {
@@ -49,7 +49,7 @@ impl Features {
     ///
     /// # Errors
     /// [`Error::Config`] for an image with another number of channels than 3 or a side below 16 pixels.
-    pub fn detect(image: ArrayView3<f32>, max_features: usize) -> Result<Self> {
+    pub(super) fn detect(image: ArrayView3<f32>, max_features: usize) -> Result<Self> {
         Self::detect_within(image, max_features, FINEST_PIXELS)
     }
 

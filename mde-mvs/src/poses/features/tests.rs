@@ -1,3 +1,4 @@
+use super::super::matching::match_features;
 use super::*;
 use ndarray::{Array2, Array3};
 use std::f64::consts::TAU;
@@ -72,10 +73,10 @@ fn exposure_changes_no_descriptor() {
     let image = blobs(200, 150, 1.0, 0.0) * 0.4 + 0.1;
     let darker = detect(&(image.mapv(|v| 0.6 * v + 0.05)));
     let plain = detect(&image);
-    let pairs = super::super::matching::match_features(&plain, &darker, 0.8);
+    let pairs = match_features(&plain, &darker);
     assert!(pairs.len() as f64 > 0.9 * darker.keypoints.len() as f64);
-    for pair in pairs {
-        let moved = plain.keypoints[pair.first].pixel - darker.keypoints[pair.second].pixel;
+    for [i, j] in pairs {
+        let moved = plain.keypoints[i].pixel - darker.keypoints[j].pixel;
         assert!(moved.norm() < 0.02, "{moved}");
     }
 }
@@ -86,15 +87,15 @@ fn features_follow_a_similarity() {
     let (scale, angle) = (1.5, TAU / 12.0);
     let plain = detect(&blobs(200, 150, 1.0, 0.0));
     let moved = detect(&blobs(330, 330, scale, angle));
-    let pairs = super::super::matching::match_features(&plain, &moved, 0.8);
+    let pairs = match_features(&plain, &moved);
     let right = pairs
         .iter()
-        .filter(|pair| {
-            let there = moved.keypoints[pair.second];
+        .filter(|[i, j]| {
+            let there = moved.keypoints[*j];
             let (dx, dy) = ((there.pixel.x - 164.5) / scale, (there.pixel.y - 164.5) / scale);
             let (sin, cos) = angle.sin_cos();
             let back = Point2::new(dx * cos - dy * sin + 99.5, dx * sin + dy * cos + 74.5);
-            let here = plain.keypoints[pair.first];
+            let here = plain.keypoints[*i];
             (back - here.pixel).norm() < 0.5 && (there.scale / (scale * here.scale) - 1.0).abs() < 0.2
         })
         .count();
@@ -107,9 +108,9 @@ fn reduction_keeps_the_places_of_features() {
     let image = blobs(400, 300, 2.0, 0.0);
     let full = detect(&image);
     let reduced = Features::detect_within(gray(&image).view(), 3000, 40_000).unwrap();
-    let pairs = super::super::matching::match_features(&full, &reduced, 0.8);
+    let pairs = match_features(&full, &reduced);
     let mut shifts: Vec<_> =
-        pairs.iter().map(|p| full.keypoints[p.first].pixel - reduced.keypoints[p.second].pixel).collect();
+        pairs.iter().map(|[i, j]| full.keypoints[*i].pixel - reduced.keypoints[*j].pixel).collect();
     assert!(shifts.len() > 40, "{}", shifts.len());
     for axis in 0..2 {
         shifts.sort_by(|a, b| a[axis].total_cmp(&b[axis]));

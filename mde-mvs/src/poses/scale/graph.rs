@@ -3,14 +3,16 @@
 //! \\( L = \sum_{ij} w_{ij} (e_i - e_j)(e_i - e_j)^\top \\) is factored as \\( U D U^\top \\) by eliminating nodes in the order of least degree, so a
 //! chain with few loops takes time and memory in proportion to its length.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// The graph's Laplacian, factored: each node in turn is replaced by links between its neighbours.
 pub(super) struct Laplacian {
     /// Nodes in the order of their elimination; the last of a component has no neighbour and the value 0.
     steps: Vec<Step>,
-    /// Component of each node.
+    /// Component of each node, numbered by the first in it.
     pub(super) components: Vec<usize>,
+    /// Nodes of each component.
+    pub(super) sizes: Vec<usize>,
 }
 
 struct Step {
@@ -29,7 +31,6 @@ impl Laplacian {
             *links[first].entry(second).or_default() += weight;
             *links[second].entry(first).or_default() += weight;
         }
-        let components = components(&links);
         let mut queue: BTreeSet<(usize, usize)> =
             links.iter().enumerate().map(|(i, links)| (links.len(), i)).collect();
         let mut steps = Vec::with_capacity(nodes);
@@ -47,14 +48,23 @@ impl Laplacian {
             }
             steps.push(Step { node, total, shares });
         }
-        Self { steps, components }
-    }
-
-    /// Nodes of each component.
-    pub(super) fn sizes(&self) -> Vec<usize> {
-        let mut sizes = vec![0_usize; self.components.iter().max().map_or(0, |last| last + 1)];
-        self.components.iter().for_each(|component| sizes[*component] += 1);
-        sizes
+        // The last node of a component stands for all.
+        let mut last: Vec<usize> = (0..nodes).collect();
+        for step in steps.iter().rev() {
+            last[step.node] = step.shares.first().map_or(step.node, |(later, _)| last[*later]);
+        }
+        let mut numbers = BTreeMap::new();
+        let mut sizes = Vec::new();
+        let number = |last: usize| {
+            let number = *numbers.entry(last).or_insert(sizes.len());
+            if number == sizes.len() {
+                sizes.push(0);
+            }
+            sizes[number] += 1;
+            number
+        };
+        let components = last.into_iter().map(number).collect();
+        Self { steps, components, sizes }
     }
 
     /// Values of which the Laplacian is `right`, up to a constant for each component.
@@ -80,10 +90,9 @@ impl Laplacian {
     }
 
     fn means(&self, values: &[f64]) -> Vec<f64> {
-        let sizes = self.sizes();
-        let mut sums = vec![0.0; sizes.len()];
+        let mut sums = vec![0.0; self.sizes.len()];
         values.iter().zip(&self.components).for_each(|(value, component)| sums[*component] += value);
-        sums.into_iter().zip(sizes).map(|(sum, count)| sum / count as f64).collect()
+        sums.into_iter().zip(&self.sizes).map(|(sum, count)| sum / *count as f64).collect()
     }
 
     /// Variance of each value less the mean of its component: the diagonal of the Laplacian's pseudo-inverse.
@@ -92,57 +101,23 @@ impl Laplacian {
     /// (Takahashi, 1973); \\( \operatorname{var} (x_i - \bar x) = G_{ii} - 2 (G 1)_i / n + 1^\top G 1 / n^2 \\).
     pub(super) fn variances(&self) -> Vec<f64> {
         let count = self.components.len();
-        let mut inverse: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); count];
-        let mut diagonal = vec![0.0; count];
-        let mut place = vec![0; count];
-        self.steps.iter().enumerate().for_each(|(at, step)| place[step.node] = at);
-        for step in self.steps.iter().rev().filter(|step| !step.shares.is_empty()) {
-            let entry = |i: usize, j: usize| match place[i].cmp(&place[j]) {
-                std::cmp::Ordering::Equal => diagonal[i],
-                std::cmp::Ordering::Less => inverse[i].get(&j).copied().unwrap_or(0.0),
-                std::cmp::Ordering::Greater => inverse[j].get(&i).copied().unwrap_or(0.0),
-            };
-            let own: BTreeMap<usize, f64> = step
-                .shares
-                .iter()
-                .map(|&(i, _)| (i, step.shares.iter().map(|&(j, share)| share * entry(j, i)).sum()))
-                .collect();
-            let beside: f64 = step.shares.iter().map(|(i, share)| share * own[i]).sum();
-            diagonal[step.node] = 1.0 / step.total + beside;
-            inverse[step.node] = own;
+        let mut inverse: HashMap<[usize; 2], f64> = HashMap::new();
+        for Step { node, total, shares } in self.steps.iter().rev().filter(|step| !step.shares.is_empty()) {
+            let entry = |i: usize, j: usize| inverse.get(&[i, j]).copied().unwrap_or(0.0);
+            let through = |i: usize| shares.iter().map(|&(j, share)| share * entry(j, i)).sum::<f64>();
+            let own: Vec<(usize, f64)> = shares.iter().map(|&(i, _)| (i, through(i))).collect();
+            let beside: f64 = shares.iter().zip(&own).map(|((_, share), (_, value))| share * value).sum();
+            inverse.insert([*node, *node], 1.0 / total + beside);
+            inverse.extend(own.iter().flat_map(|&(i, value)| [([*node, i], value), ([i, *node], value)]));
         }
         // 1 everywhere but at the node that is held, whose row of G is 0.
         let rows = self.solve(&vec![1.0; count]);
-        let (means, sizes) = (self.means(&rows), self.sizes());
-        (0..count)
-            .map(|i| {
-                let component = self.components[i];
-                let size = sizes[component] as f64;
-                diagonal[i] - 2.0 * rows[i] / size + means[component] / size
-            })
-            .collect()
+        let means = self.means(&rows);
+        let variance = |i: usize| {
+            let size = self.sizes[self.components[i]] as f64;
+            let own = inverse.get(&[i, i]).copied().unwrap_or(0.0);
+            own - 2.0 * rows[i] / size + means[self.components[i]] / size
+        };
+        (0..count).map(variance).collect()
     }
-}
-
-/// The component of each node, numbered by the first in it.
-fn components(links: &[BTreeMap<usize, f64>]) -> Vec<usize> {
-    let mut components = vec![usize::MAX; links.len()];
-    let mut count = 0;
-    for start in 0..links.len() {
-        if components[start] != usize::MAX {
-            continue;
-        }
-        let mut open = vec![start];
-        components[start] = count;
-        while let Some(at) = open.pop() {
-            for &next in links[at].keys() {
-                if components[next] == usize::MAX {
-                    components[next] = count;
-                    open.push(next);
-                }
-            }
-        }
-        count += 1;
-    }
-    components
 }

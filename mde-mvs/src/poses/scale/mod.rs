@@ -9,17 +9,15 @@
 
 mod graph;
 
-use super::matching::{Match, match_features};
+use super::matching::match_features;
 use super::two_view::relative_pose;
-use super::{EPIPOLAR_PIXELS, FeatureImage, Features, MIN_MATCHES, PoseInput, RATIO, REGIONS};
+use super::{EPIPOLAR_PIXELS, FeatureImage, MIN_MATCHES, PoseInput, REGIONS};
 use crate::statistics::robust_deviation;
 use crate::{Error, Result};
 use graph::Laplacian;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use nalgebra::{Point2, Point3};
-use ndarray::Array2;
-use std::borrow::Cow;
 
 /// Huber's cut in standard deviations: 95 % efficient for normal errors.
 const CUT: f64 = 1.345;
@@ -37,12 +35,8 @@ const SAMPLES: f64 = 5000.0;
 /// A photograph of which no more is kept than its matches with others need: features and the prior's depth.
 ///
 /// A video of any length can be compared pair by pair with a few of these in memory.
-#[derive(Debug, Clone)]
-pub struct Prepared {
-    features: Features,
-    lens: super::Lens,
-    prior: Array2<f32>,
-}
+#[derive(Debug)]
+pub struct Prepared(FeatureImage<'static>);
 
 /// The logarithm of the factor of the second photograph over that of the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,45 +71,31 @@ impl Prepared {
     /// [`Error::Config`] for an image too small for features, or no prior;
     /// [`Error::View`] for a camera that is not of the image's or the prior's size.
     pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
-        let image = FeatureImage::detected(photograph, max_features)?;
+        let FeatureImage { features, lens, prior } = FeatureImage::new(photograph, max_features)?;
         let prior =
-            image.prior.ok_or_else(|| Error::config("prior", "missing", "give each photograph its depth"))?;
-        Ok(Self { prior: prior.to_owned(), lens: image.lens, features: image.features.into_owned() })
-    }
-
-    /// Features found.
-    pub fn features(&self) -> usize {
-        self.features.keypoints.len()
-    }
-
-    fn feature_image(&self) -> FeatureImage<'_> {
-        FeatureImage {
-            features: Cow::Borrowed(&self.features),
-            lens: self.lens,
-            prior: Some(self.prior.view()),
-        }
+            prior.ok_or_else(|| Error::config("prior", "missing", "give each photograph its depth"))?;
+        Ok(Self(FeatureImage { features, lens, prior: Some(prior.into_owned().into()) }))
     }
 
     /// The logarithm of the factor of `second` over that of `first`, and its standard deviation; nothing where fewer than
-    /// [`MIN_MATCHES`] agree on a motion.
+    /// 20 matches agree on a motion.
     ///
     /// Matches and the priors give the motion, as in [`estimate_poses`](super::estimate_poses); a tripod or a camera turned on the
     /// spot is no exception. Pixels of each photograph are lifted by its prior and moved into the other one, where the depth is
     /// compared with the other prior. The result is the median over both directions, so what is hidden in either does not matter.
     /// Its deviation is the robust spread over the root of the number of regions in the overlap, 30 in a whole photograph, in each of
     /// which the priors share an error. It depends on the photographs and the seed alone.
-    pub fn log_ratio(first: &Self, second: &Self, seed: u64) -> Option<[f64; 2]> {
-        let (a, b) = (first.feature_image(), second.feature_image());
-        let found = match_features(&a.features, &b.features, RATIO);
-        let (pose, log_scales, log_focal) = match is_static(&a, &b, &found) {
+    pub fn log_ratio(Self(a): &Self, Self(b): &Self, seed: u64) -> Option<[f64; 2]> {
+        let found = match_features(&a.features, &b.features);
+        let (pose, log_scales, log_focal) = match is_static(a, b, &found) {
             true => (Pose::identity(), [0.0; 2], 0.0),
             false => {
-                let motion = relative_pose([&a, &b], [0, 1], &found, seed).motion?;
+                let motion = relative_pose([a, b], [0, 1], &found, seed).motion?;
                 (motion.pose, motion.log_scales, motion.log_focal)
             }
         };
-        let (mut ratios, forth) = depth_log_ratios([&a, &b], &pose, log_scales[0], log_focal);
-        let (others, back) = depth_log_ratios([&b, &a], &pose.inverse(), log_scales[1], log_focal);
+        let (mut ratios, forth) = depth_log_ratios([a, b], &pose, log_scales[0], log_focal);
+        let (others, back) = depth_log_ratios([b, a], &pose.inverse(), log_scales[1], log_focal);
         ratios.extend(others.into_iter().map(|ratio| -ratio));
         let regions = (REGIONS * 0.5 * (forth + back)).max(1.0);
         let log = median(ratios.iter().copied())?;
@@ -125,14 +105,11 @@ impl Prepared {
 }
 
 /// True if three quarters of the matches moved less than the threshold: the fundamental matrix is degenerate.
-fn is_static(a: &FeatureImage, b: &FeatureImage, matches: &[Match]) -> bool {
-    if a.prior.map(|prior| prior.dim()) != b.prior.map(|prior| prior.dim()) {
-        return false;
-    }
-    let moved = |m: &Match| a.features.keypoints[m.first].pixel - b.features.keypoints[m.second].pixel;
+fn is_static(a: &FeatureImage, b: &FeatureImage, matches: &[[usize; 2]]) -> bool {
+    let size = |image: &FeatureImage| image.prior.as_ref().map(|prior| prior.dim());
     let limit = EPIPOLAR_PIXELS * a.lens.noise;
-    let kept = matches.iter().filter(|m| moved(m).norm() < limit).count();
-    kept >= MIN_MATCHES && 4 * kept >= 3 * matches.len()
+    let kept = matches.iter().filter(|[i, j]| (a.pixel(*i) - b.pixel(*j)).norm() < limit).count();
+    size(a) == size(b) && kept >= MIN_MATCHES && 4 * kept >= 3 * matches.len()
 }
 
 /// Log ratio of `from`'s depth, moved into `to`, to `to`'s prior, per sampled pixel; and the overlap, as a share of the samples.
@@ -143,11 +120,7 @@ fn depth_log_ratios(
     log_scale: f64,
     log_focal: f64,
 ) -> (Vec<f64>, f64) {
-    let Some(prior) = from.prior.as_ref() else { return (Vec::new(), 0.0) };
-    let Some((height, width)) = to.prior.as_ref().map(|prior| prior.dim()) else { return (Vec::new(), 0.0) };
-    let focal =
-        |image: &FeatureImage| image.lens.focal * if image.lens.assumed { log_focal.exp() } else { 1.0 };
-    let (focal_from, focal_to) = (focal(from), focal(to));
+    let (Some(prior), Some(other)) = (&from.prior, &to.prior) else { return (Vec::new(), 0.0) };
     let step = ((prior.len() as f64 / SAMPLES).sqrt() as usize).max(1);
     let (mut ratios, mut all) = (Vec::new(), 0_usize);
     for y in (step / 2..prior.nrows()).step_by(step) {
@@ -155,17 +128,15 @@ fn depth_log_ratios(
             all += 1;
             let pixel = Point2::new(x as f64, y as f64);
             let Some(log_depth) = from.log_prior(&pixel) else { continue };
-            let ray = (pixel.coords - from.lens.centre).component_div(&focal_from).push(1.0);
-            let point = pose * Point3::from(ray * (log_depth + log_scale).exp());
+            let point = pose * Point3::from(from.lens.ray(&pixel, log_focal) * (log_depth + log_scale).exp());
             if point.z <= 0.0 {
                 continue;
             }
-            let at = Point2::from((point.coords.xy() / point.z).component_mul(&focal_to) + to.lens.centre);
+            let at = Point2::from(to.lens.project(&point.coords, log_focal));
             let within = |at: f64, side: usize| at >= -0.5 && at < side as f64 - 0.5;
-            if !(within(at.x, width) && within(at.y, height)) {
-                continue;
+            if within(at.x, other.ncols()) && within(at.y, other.nrows()) {
+                ratios.extend(to.log_prior(&at).map(|there| point.z.ln() - log_scale - there));
             }
-            ratios.extend(to.log_prior(&at).map(|there| point.z.ln() - log_scale - there));
         }
     }
     let share = ratios.len() as f64 / all.max(1) as f64;
@@ -185,16 +156,14 @@ fn depth_log_ratios(
 pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFactor>> {
     let mut sorted = Vec::with_capacity(ratios.len());
     for ratio in ratios {
-        // Their squares, and what is divided by them, are numbers.
-        if !(1e-100..=1e100).contains(&ratio.sigma) {
-            return Err(Error::config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
-        }
-        if !ratio.log.is_finite() {
-            return Err(Error::config("ratio", ratio.log, "give finite numbers"));
-        }
-        if ratio.first == ratio.second || ratio.first.max(ratio.second) >= photographs {
-            let pair = format!("{} and {}", ratio.first, ratio.second);
-            return Err(Error::config("pair of photographs", pair, "give the indices of two photographs"));
+        // Squares of the deviations, and what is divided by them, are numbers.
+        let pair = ratio.first != ratio.second && ratio.first.max(ratio.second) < photographs;
+        if !(pair && ratio.log.is_finite() && (1e-100..=1e100).contains(&ratio.sigma)) {
+            let remedy =
+                "give the indices of two photographs, a finite ratio, and a sigma from 1e-100 to 1e100";
+            let LogRatio { first, second, log, sigma } = ratio;
+            let value = format!("{log} of {first} and {second}, with sigma {sigma}");
+            return Err(Error::config("ratio", value, remedy));
         }
         sorted.push(match ratio.first < ratio.second {
             true => *ratio,
@@ -208,6 +177,10 @@ pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFa
     let mut weights = vec![1.0; sorted.len()];
     let mut logs = vec![0.0; photographs];
     let mut graph = factored(photographs, &sorted, &weights);
+    // Ratios of each component that are left over once the factors are known.
+    let mut free = vec![1_usize; graph.sizes.len()];
+    sorted.iter().for_each(|ratio| free[graph.components[ratio.first]] += 1);
+    free.iter_mut().zip(&graph.sizes).for_each(|(free, size)| *free = free.saturating_sub(*size));
     for _ in 0..ROUNDS {
         let next = graph.centred(graph.solve(&flow(photographs, &sorted, &weights)));
         let moved = next.iter().zip(&logs).map(|(a, b): (&f64, &f64)| (a - b).abs()).fold(0.0, f64::max);
@@ -215,14 +188,34 @@ pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFa
         if moved < SETTLED {
             break;
         }
-        let cuts = cuts(&graph, &sorted, &logs);
+        let cuts = cuts(&graph, &sorted, &logs, &free);
         for (weight, ratio) in weights.iter_mut().zip(&sorted) {
             let cut = cuts[graph.components[ratio.first]];
             *weight = cut / deviation(&logs, ratio).abs().max(cut);
         }
         graph = factored(photographs, &sorted, &weights);
     }
-    Ok(factors(&graph, &sorted, &logs))
+    let cuts = cuts(&graph, &sorted, &logs, &free);
+    let mut squares = vec![0.0; free.len()];
+    let mut least = vec![f64::INFINITY; photographs];
+    for ratio in &sorted {
+        let component = graph.components[ratio.first];
+        squares[component] += deviation(&logs, ratio).abs().min(cuts[component]).powi(2);
+        for i in [ratio.first, ratio.second] {
+            least[i] = least[i].min(ratio.sigma);
+        }
+    }
+    let variances = graph.variances();
+    let of_photograph = |i: usize| {
+        let component = graph.components[i];
+        let (photographs, free) = (graph.sizes[component], free[component]);
+        let inflation = if free > 0 { (squares[component] / free as f64).max(1.0) } else { 1.0 };
+        let others = 1.0 - 1.0 / photographs as f64;
+        let own = if others > 0.0 { 0.5 * others * least[i] * least[i] } else { 0.0 };
+        let sigma = (variances[i] * inflation).max(own).sqrt();
+        LogFactor { log: logs[i], sigma, component, photographs }
+    };
+    Ok((0..photographs).map(of_photograph).collect())
 }
 
 fn factored(photographs: usize, ratios: &[LogRatio], weights: &[f64]) -> Laplacian {
@@ -248,53 +241,19 @@ fn flow(photographs: usize, ratios: &[LogRatio], weights: &[f64]) -> Vec<f64> {
     right
 }
 
-/// For each component the number of its photographs, and of its ratios that are left over once the factors are known.
-fn sizes(graph: &Laplacian, ratios: &[LogRatio]) -> Vec<(usize, usize)> {
-    let sizes = graph.sizes();
-    let mut counts = vec![0_usize; sizes.len()];
-    ratios.iter().for_each(|ratio| counts[graph.components[ratio.first]] += 1);
-    let left = |(photographs, of): (usize, usize)| (photographs, (of + 1).saturating_sub(photographs));
-    sizes.into_iter().zip(counts).map(left).collect()
-}
-
 /// Where Huber's loss becomes linear in each component: [`CUT`], times the spread of the residuals where that is larger than
 /// the ratios' own deviations.
-fn cuts(graph: &Laplacian, ratios: &[LogRatio], logs: &[f64]) -> Vec<f64> {
-    let sizes = sizes(graph, ratios);
-    let mut residuals: Vec<Vec<f64>> = vec![Vec::new(); sizes.len()];
+fn cuts(graph: &Laplacian, ratios: &[LogRatio], logs: &[f64], free: &[usize]) -> Vec<f64> {
+    let mut residuals: Vec<Vec<f64>> = vec![Vec::new(); free.len()];
     for ratio in ratios {
         residuals[graph.components[ratio.first]].push(deviation(logs, ratio));
     }
-    let spread = |(residuals, (_, free)): (Vec<f64>, (usize, usize))| {
+    let cut = |(residuals, &free): (Vec<f64>, &usize)| {
         let lost = (residuals.len() as f64 / free.max(1) as f64).sqrt();
         let spread = robust_deviation(residuals.into_iter()).filter(|_| free > 0);
         CUT * spread.map_or(1.0, |spread| lost * spread).max(1.0)
     };
-    residuals.into_iter().zip(sizes).map(spread).collect()
-}
-
-fn factors(graph: &Laplacian, ratios: &[LogRatio], logs: &[f64]) -> Vec<LogFactor> {
-    let (sizes, cuts, variances) = (sizes(graph, ratios), cuts(graph, ratios, logs), graph.variances());
-    let mut squares = vec![0.0; sizes.len()];
-    for ratio in ratios {
-        let component = graph.components[ratio.first];
-        squares[component] += deviation(logs, ratio).abs().min(cuts[component]).powi(2);
-    }
-    let mut least = vec![f64::INFINITY; logs.len()];
-    for ratio in ratios {
-        for i in [ratio.first, ratio.second] {
-            least[i] = least[i].min(ratio.sigma);
-        }
-    }
-    let of_photograph = |(i, &component): (usize, &usize)| {
-        let (photographs, free) = sizes[component];
-        let inflation = if free > 0 { (squares[component] / free as f64).max(1.0) } else { 1.0 };
-        let others = 1.0 - 1.0 / photographs as f64;
-        let own = if others > 0.0 { 0.5 * others * least[i] * least[i] } else { 0.0 };
-        let sigma = (variances[i] * inflation).max(own).sqrt();
-        LogFactor { log: logs[i], sigma, component, photographs }
-    };
-    graph.components.iter().enumerate().map(of_photograph).collect()
+    residuals.into_iter().zip(free).map(cut).collect()
 }
 
 #[cfg(test)]

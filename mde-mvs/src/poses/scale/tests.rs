@@ -1,9 +1,11 @@
 use super::*;
+use crate::poses::MAX_FEATURES;
+use crate::poses::tests::{camera, photographs, with_errors};
 use crate::synthetic::{Plane, pose_at, render};
 use mde_uncertainty::random::CounterRng;
-use mde_warp::{PinholeCamera, Pose};
+use mde_warp::PosedView;
 use nalgebra::{DMatrix, DVector};
-use ndarray::Array3;
+use ndarray::Array2;
 use proptest::prelude::*;
 use rand::RngExt;
 
@@ -39,18 +41,6 @@ fn ratios(logs: &[f64], pairs: &[[usize; 2]], noise: f64, seed: u64) -> Vec<LogR
 }
 
 proptest! {
-    #[test]
-    fn exact_ratios_give_the_factors_of_any_connected_graph(
-        count in 2..60_usize, more in 0..60_usize, seed in 0..1000_u64,
-    ) {
-        let (logs, pairs) = graph(count, more, seed);
-        let found = common_scale(count, &ratios(&logs, &pairs, 0.0, seed)).unwrap();
-        for (found, log) in found.iter().zip(&logs) {
-            prop_assert!((found.log - log).abs() < 1e-9, "{} {log}", found.log);
-            prop_assert!(found.sigma > 0.0 && (found.component, found.photographs) == (0, count));
-        }
-    }
-
     /// Bit for bit, with noise, and whichever photograph of a pair is the first.
     #[test]
     fn the_order_of_the_ratios_changes_nothing(count in 2..30_usize, more in 0..40_usize, seed in 0..1000_u64) {
@@ -67,7 +57,7 @@ proptest! {
 
     /// Factors and deviations are those of a dense solution while no residual is beyond the cut, but for the photograph's own error.
     #[test]
-    fn the_factors_are_those_of_dense_least_squares(count in 2..20_usize, more in 0..30_usize, seed in 0..1000_u64) {
+    fn the_factors_are_those_of_dense_least_squares(count in 2..60_usize, more in 0..60_usize, seed in 0..1000_u64) {
         let (logs, pairs) = graph(count, more, seed);
         let given = ratios(&logs, &pairs, 0.2, seed);
         let mut normal = DMatrix::<f64>::zeros(count, count);
@@ -87,6 +77,7 @@ proptest! {
         let expected: DVector<f64> = &inverse * right;
         for (i, found) in common_scale(count, &given).unwrap().iter().enumerate() {
             prop_assert!((found.log - expected[i]).abs() < 1e-7, "{} {}", found.log, expected[i]);
+            prop_assert_eq!((found.component, found.photographs), (0, count));
             let own = given.iter().filter(|r| r.first == i || r.second == i).map(|r| r.sigma).fold(1.0, f64::min);
             let least = own * (0.5 - 0.5 / count as f64).sqrt();
             prop_assert!((found.sigma / inverse[(i, i)].sqrt().max(least) - 1.0).abs() < 1e-6);
@@ -161,27 +152,14 @@ fn what_is_no_ratio_is_refused() {
     }
 }
 
-fn camera() -> PinholeCamera {
-    PinholeCamera::from_fov(60.0, 320, 240).unwrap()
-}
-
 /// A wall with a second one before it, from that pose, and its depth.
-fn photograph(pose: Pose) -> (Array3<f32>, Array2<f32>) {
+fn photograph(pose: Pose) -> (PosedView, Array2<f32>) {
     let planes = [Plane::slanted(2.0, 0.5, 0.1), Plane::slanted(2.1, -0.6, 0.0)];
-    let (view, depth) = render(&planes, camera(), pose, 6.0 * 2.0 / camera().fx);
-    (view.image.into_owned(), depth)
+    render(&planes, camera(), pose, 6.0 * 2.0 / camera().fx)
 }
 
-fn prepared(image: &Array3<f32>, prior: &Array2<f32>) -> Prepared {
-    let photograph =
-        PoseInput { image: image.view(), camera: camera(), focal_assumed: false, prior: Some(prior.view()) };
-    Prepared::new(&photograph, super::super::MAX_FEATURES).unwrap()
-}
-
-/// The wave of 10 % of a prior of that factor.
-fn with_errors(depth: &Array2<f32>, factor: f64) -> Array2<f32> {
-    let wave = |(y, x): (usize, usize)| 1.0 + 0.1 * (x as f32 / 50.0).sin() * (y as f32 / 40.0).cos();
-    Array2::from_shape_fn(depth.dim(), |at| depth[at] * factor as f32 * wave(at))
+fn prepared(photograph: (PosedView, Array2<f32>)) -> Prepared {
+    Prepared::new(&photographs(&[photograph])[0], MAX_FEATURES).unwrap()
 }
 
 /// Five photographs, moved, turned on the spot and from the same place, whose priors have other factors and errors of 10 %: the
@@ -200,13 +178,12 @@ fn factors_of_rendered_photographs_are_found() {
         .iter()
         .zip(truth)
         .map(|(pose, log)| {
-            let (image, depth) = photograph(*pose);
-            prepared(&image, &with_errors(&depth, (-log).exp()))
+            let (view, depth) = photograph(*pose);
+            prepared((view, with_errors(&depth, (-log).exp() as f32)))
         })
         .collect();
-    let (elsewhere, depth) = photograph(pose_at([0.0, 40.0, 0.0], [0.0; 3]));
-    shots.push(prepared(&elsewhere, &depth));
-    assert!(shots.iter().all(|shot| shot.features() > 200));
+    shots.push(prepared(photograph(pose_at([0.0, 40.0, 0.0], [0.0; 3]))));
+    assert!(shots.iter().all(|shot| shot.0.features.keypoints.len() > 200));
 
     let mut found = Vec::new();
     for first in 0..shots.len() {
@@ -233,24 +210,24 @@ fn factors_of_rendered_photographs_are_found() {
 /// The very same photograph twice, as frames of a video may be: no epipolar geometry is determined, the ratio is.
 #[test]
 fn the_same_photograph_twice_has_the_ratio_of_its_priors() {
-    let (image, depth) = photograph(Pose::identity());
-    let (a, b) = (prepared(&image, &depth), prepared(&image, &(&depth * 1.25)));
+    let (view, depth) = photograph(Pose::identity());
+    let (a, b) = (prepared((view.clone(), depth.clone())), prepared((view, depth * 1.25)));
     let [log, sigma] = Prepared::log_ratio(&a, &b, 0).unwrap();
     assert!((log + 1.25_f64.ln()).abs() < 1e-6 && sigma == LEAST_SIGMA, "{log} {sigma}");
 }
 
 #[test]
 fn threads_change_no_ratio_and_a_photograph_needs_a_prior() {
-    let (image, depth) = photograph(Pose::identity());
-    let (other, there) = photograph(pose_at([0.15, 0.02, 0.0], [0.02, -0.04, 0.01]));
-    let (a, b) = (prepared(&image, &depth), prepared(&other, &there));
+    let here = [photograph(Pose::identity())];
+    let a = prepared(here[0].clone());
+    let b = prepared(photograph(pose_at([0.15, 0.02, 0.0], [0.02, -0.04, 0.01])));
     let of = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| Prepared::log_ratio(&a, &b, 3))
     };
     assert!(of(1).is_some());
     assert_eq!(of(1), of(4));
-    let without = PoseInput { image: image.view(), camera: camera(), focal_assumed: false, prior: None };
-    let refused = Prepared::new(&without, super::super::MAX_FEATURES).unwrap_err().to_string();
+    let without = PoseInput { prior: None, ..photographs(&here)[0] };
+    let refused = Prepared::new(&without, MAX_FEATURES).unwrap_err().to_string();
     assert!(refused.contains("prior"), "{refused}");
 }

@@ -4,7 +4,7 @@ use super::Lens;
 use super::fundamental::PixelPair;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
-use nalgebra::{Matrix3, Point2, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// The second camera's pose in the first one's frame, with a translation of length 1, and the median depth of the pairs in the first: of the
 /// four motions of the essential matrix \\( E = K_2^\top F K_1 \\) (Hartley and Zisserman, 2004, 9.6) the one with most points in front of
@@ -29,8 +29,7 @@ pub(super) fn motion(
     }
     let direction: Vector3<f64> = u.column(svd.singular_values.imin()).into();
     let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-    let ray = |lens: &Lens, p: &Point2<f64>| (p.coords - lens.centre).component_div(&lens.focal).push(1.0);
-    let rays: Vec<_> = pairs.iter().map(|(p, q)| (ray(first, p), ray(second, q))).collect();
+    let rays: Vec<_> = pairs.iter().map(|(p, q)| (first.ray(p, 0.0), second.ray(q, 0.0))).collect();
     let candidates = [turn, turn.transpose()].into_iter().flat_map(|turn| {
         let rotation = Rotation3::from_matrix_unchecked(u * turn * vt);
         [direction, -direction]
@@ -55,7 +54,7 @@ fn depths(pose: &Pose, rays: &[(Vector3<f64>, Vector3<f64>)]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, Vector2};
+    use nalgebra::{Point2, Point3, Vector2};
     use proptest::prelude::*;
 
     fn lens(focal: f64) -> Lens {

@@ -2,7 +2,7 @@
 
 use super::msac::{Ransac, msac, score};
 use super::roots::real_roots;
-use nalgebra::{DMatrix, Matrix3, Point2, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, Point2, SMatrix, SVector, Vector2, Vector3};
 
 /// Steps of the local optimisation of a new best model.
 const LOCAL_STEPS: usize = 4;
@@ -32,11 +32,11 @@ pub(super) fn filter(
     if pairs.len() <= SAMPLE {
         return None;
     }
-    let (first, second) =
-        (Conditioning::of(pairs.iter().map(|p| p.0)), Conditioning::of(pairs.iter().map(|p| p.1)));
-    let conditioned: Vec<PixelPair> = pairs.iter().map(|(p, q)| (first.apply(p), second.apply(q))).collect();
+    let (first, second) = (conditioning(pairs.iter().map(|p| p.0)), conditioning(pairs.iter().map(|p| p.1)));
+    let conditioned: Vec<PixelPair> =
+        pairs.iter().map(|(p, q)| (first.transform_point(p), second.transform_point(q))).collect();
     let limit = threshold * threshold;
-    let plain = |f: Matrix3<f64>| second.matrix.transpose() * f * first.matrix;
+    let plain = |f: Matrix3<f64>| second.transpose() * f * first;
     let distance = |f: &Matrix3<f64>, i: usize| sampson(f, &pairs[i]);
     let score = |f: &Matrix3<f64>| score(pairs.len(), limit, |i| distance(f, i));
     let models = |chosen: [usize; SAMPLE]| {
@@ -61,31 +61,16 @@ pub(super) fn filter(
 }
 
 /// Hartley's conditioning: mean 0 and a mean distance of \\( \sqrt 2 \\).
-struct Conditioning {
-    matrix: Matrix3<f64>,
-}
-
-impl Conditioning {
-    fn of(points: impl Iterator<Item = Point2<f64>> + Clone) -> Self {
-        let count = points.clone().count().max(1) as f64;
-        let mean = points.clone().map(|p| p.coords).sum::<nalgebra::Vector2<f64>>() / count;
-        let spread = points.map(|p| (p.coords - mean).norm()).sum::<f64>() / count;
-        let s = std::f64::consts::SQRT_2 / spread.max(1e-9);
-        Self { matrix: Matrix3::new(s, 0.0, -s * mean.x, 0.0, s, -s * mean.y, 0.0, 0.0, 1.0) }
-    }
-
-    fn apply(&self, p: &Point2<f64>) -> Point2<f64> {
-        let m = &self.matrix;
-        Point2::new(m[(0, 0)] * p.x + m[(0, 2)], m[(1, 1)] * p.y + m[(1, 2)])
-    }
+fn conditioning(points: impl ExactSizeIterator<Item = Point2<f64>> + Clone) -> Matrix3<f64> {
+    let count = points.len() as f64;
+    let mean = points.clone().map(|p| p.coords).sum::<Vector2<f64>>() / count;
+    let spread = points.map(|p| (p.coords - mean).norm()).sum::<f64>() / count;
+    let s = std::f64::consts::SQRT_2 / spread.max(1e-9);
+    Matrix3::new(s, 0.0, -s * mean.x, 0.0, s, -s * mean.y, 0.0, 0.0, 1.0)
 }
 
 fn row((p, q): &PixelPair) -> SVector<f64, 9> {
     SVector::from([q.x * p.x, q.x * p.y, q.x, q.y * p.x, q.y * p.y, q.y, p.x, p.y, 1.0])
-}
-
-fn matrix(f: &SVector<f64, 9>) -> Matrix3<f64> {
-    Matrix3::new(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8])
 }
 
 /// The one or three matrices of rank 2 that seven pairs leave.
@@ -95,7 +80,7 @@ fn seven_points(pairs: [PixelPair; SAMPLE]) -> Vec<Matrix3<f64>> {
         a.set_row(i, &row(pair).transpose());
     }
     let Some([g, h]) = null_space(a) else { return Vec::new() };
-    let (g, h) = (matrix(&g), matrix(&h));
+    let [g, h] = [g, h].map(|f| Matrix3::from_row_slice(f.as_slice()));
     // det(h + x (g - h)) is a cubic; four values give its coefficients.
     let at = |x: f64| (h + (g - h) * x).determinant();
     let (d0, d1, m1, d2) = (at(0.0), at(1.0), at(-1.0), at(2.0));
@@ -154,9 +139,7 @@ fn weighted(pairs: &[PixelPair], weights: &[f64]) -> Option<Matrix3<f64>> {
     }
     let eigen = DMatrix::from_column_slice(9, 9, normal.as_slice()).symmetric_eigen();
     let smallest = eigen.eigenvalues.imin();
-    let mut f = SVector::<f64, 9>::zeros();
-    f.copy_from(&eigen.eigenvectors.column(smallest));
-    let svd = matrix(&f).svd(true, true);
+    let svd = Matrix3::from_row_iterator(eigen.eigenvectors.column(smallest).iter().copied()).svd(true, true);
     let (u, vt, mut s) = (svd.u?, svd.v_t?, svd.singular_values);
     let least = s.imin();
     s[least] = 0.0;
@@ -207,8 +190,7 @@ mod tests {
     fn unrelated_pairs_are_left_out() {
         for seed in 0..5 {
             let pairs = scene(300, 160, 0.5, seed);
-            let (_, found) =
-                filter(&pairs, 1.5, &Ransac { iterations: 2000, seed, purpose: "test", stream: 0 }).unwrap();
+            let (_, found) = filter(&pairs, 1.5, &Ransac { seed, purpose: "test", stream: 0 }).unwrap();
             let right = found.iter().filter(|&&i| i < 140).count();
             assert!(right >= 133, "{right} of 140 with seed {seed}");
             // A line 3 pixels wide through 640 x 480 holds about one per cent.
@@ -218,7 +200,7 @@ mod tests {
 
     #[test]
     fn few_or_equal_pairs_give_nothing() {
-        let ransac = Ransac { iterations: 100, seed: 0, purpose: "test", stream: 0 };
+        let ransac = Ransac { seed: 0, purpose: "test", stream: 0 };
         assert!(filter(&scene(7, 0, 0.0, 0), 1.0, &ransac).is_none());
         assert!(filter(&[(Point2::origin(), Point2::origin()); 20], 1.0, &ransac).is_none());
     }

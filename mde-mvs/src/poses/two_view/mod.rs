@@ -6,12 +6,8 @@ mod msac;
 mod p3p;
 mod roots;
 
-use super::bundle::{Bundle, Lens, Observed};
-use super::matching::Match;
-use super::{
-    EPIPOLAR_PIXELS, FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, RESECTION_PIXELS,
-    SAMPLES, shared_error_factor,
-};
+use super::bundle::{Bundle, Cameras, Lens, Observed};
+use super::{EPIPOLAR_PIXELS, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS};
 use fundamental::{PixelPair, filter};
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -21,6 +17,10 @@ use p3p::p3p;
 
 /// Steps of the adjustment of one pair.
 const STEPS: usize = 30;
+/// Largest distance of a point lifted by the prior from where it was seen, pixels.
+const RESECTION_PIXELS: f64 = 12.0;
+/// Furthest depth from the median that a match may start from, as a factor.
+const FURTHEST: f64 = 30.0;
 
 /// What two photographs have in common, `first` before `second` in the order of the photographs.
 #[derive(Debug, Clone)]
@@ -31,11 +31,13 @@ pub(super) struct Pair {
     pub(super) matches: usize,
     /// Features of both that obey one epipolar geometry, and then, where a motion was found, that motion.
     pub(super) agreeing: Vec<[usize; 2]>,
+    /// The fundamental matrix of that geometry.
+    matrix: Option<Matrix3<f64>>,
     pub(super) motion: Option<Motion>,
 }
 
 /// The second photograph's pose in the first one's frame, in some unit.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     pub(super) pose: Pose,
     /// Logarithm of that unit's depths over each photograph's prior.
@@ -46,71 +48,68 @@ pub(super) struct Motion {
     cost: f64,
 }
 
-/// Those of the matches of two photographs of these places that obey one epipolar geometry.
-pub(super) fn verified_matches(
-    [a, b]: [&FeatureImage; 2],
-    [first, second]: [usize; 2],
-    found: &[Match],
-    seed: u64,
-) -> Pair {
-    with_geometry([a, b], [first, second], found, seed).0
+impl Motion {
+    /// The first photograph's pose in the second one's frame.
+    pub(super) fn reversed(self) -> Self {
+        Self { pose: self.pose.inverse(), log_scales: [self.log_scales[1], self.log_scales[0]], ..self }
+    }
 }
 
-/// The same, and the fundamental matrix.
-fn with_geometry(
-    [a, b]: [&FeatureImage; 2],
+/// Those of the matches of two photographs of these places that obey one epipolar geometry.
+pub(super) fn verified_matches(
+    images: [&FeatureImage; 2],
     [first, second]: [usize; 2],
-    found: &[Match],
+    found: &[[usize; 2]],
     seed: u64,
-) -> (Pair, Option<Matrix3<f64>>) {
-    let pixels = pixels([a, b], found.iter().map(|m| [m.first, m.second]));
-    let noise = a.lens.noise.max(b.lens.noise);
-    let ransac = Ransac { iterations: SAMPLES, seed, purpose: "epipolar", stream: stream(first, second) };
-    let (matrix, kept) = filter(&pixels, EPIPOLAR_PIXELS * noise, &ransac).unzip();
-    let agreeing = kept.iter().flatten().map(|&i| [found[i].first, found[i].second]).collect();
-    (Pair { first, second, matches: found.len(), agreeing, motion: None }, matrix)
+) -> Pair {
+    let noise = images[0].lens.noise.max(images[1].lens.noise);
+    let ransac = Ransac { seed, purpose: "epipolar", stream: stream([first, second]) };
+    let (matrix, kept) = filter(&pixels(images, found), EPIPOLAR_PIXELS * noise, &ransac).unzip();
+    let agreeing = kept.iter().flatten().map(|&i| found[i]).collect();
+    Pair { first, second, matches: found.len(), agreeing, matrix, motion: None }
 }
 
 /// Pixels of pairs of features.
-fn pixels([a, b]: [&FeatureImage; 2], pairs: impl Iterator<Item = [usize; 2]>) -> Vec<PixelPair> {
-    pairs.map(|[i, j]| (a.features.keypoints[i].pixel, b.features.keypoints[j].pixel)).collect()
+fn pixels([a, b]: [&FeatureImage; 2], pairs: &[[usize; 2]]) -> Vec<PixelPair> {
+    pairs.iter().map(|&[i, j]| (a.pixel(i), b.pixel(j))).collect()
 }
 
-fn stream(first: usize, second: usize) -> u64 {
+fn stream([first, second]: [usize; 2]) -> u64 {
     (first as u64) << 15 | second as u64
 }
 
 /// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
 pub(super) fn relative_pose(
     [a, b]: [&FeatureImage; 2],
-    [first, second]: [usize; 2],
-    found: &[Match],
+    places: [usize; 2],
+    found: &[[usize; 2]],
     seed: u64,
 ) -> Pair {
-    let (mut pair, matrix) = with_geometry([a, b], [first, second], found, seed);
+    let mut pair = verified_matches([a, b], places, found, seed);
     if pair.agreeing.len() < MIN_MATCHES {
         return pair;
     }
-    let pixels = pixels([a, b], pair.agreeing.iter().copied());
-    let stream = stream(first, second);
+    let pixels = pixels([a, b], &pair.agreeing);
     let swapped: Vec<PixelPair> = pixels.iter().map(|(p, q)| (*q, *p)).collect();
-    let forward = from_prior(a, b, &pixels, matrix, seed, stream << 1);
-    let matrix = matrix.map(|f| f.transpose());
-    let backward = from_prior(b, a, &swapped, matrix, seed, stream << 1 | 1).map(|(mut motion, fits)| {
-        motion.pose = motion.pose.inverse();
-        motion.log_scales.swap(0, 1);
-        (motion, fits)
-    });
-    let best = match (forward, backward) {
-        (Some(f), Some(b)) => Some(if b.0.cost < f.0.cost { b } else { f }),
-        (f, b) => f.or(b),
-    };
+    let ransac = |way: u64| Ransac { seed, purpose: "resection", stream: stream(places) << 1 | way };
+    let forward = from_prior(a, b, &pixels, pair.matrix, &ransac(0));
+    let matrix = pair.matrix.map(|f| f.transpose());
+    let backward = from_prior(b, a, &swapped, matrix, &ransac(1));
+    let backward = backward.map(|(motion, fits)| (motion.reversed(), fits));
+    let best = forward.into_iter().chain(backward).reduce(better);
     if let Some((motion, fits)) = best {
-        pair.agreeing =
-            pair.agreeing.iter().zip(fits).filter(|(_, fit)| *fit).map(|(pair, _)| *pair).collect();
+        let mut fits = fits.into_iter();
+        pair.agreeing.retain(|_| fits.next() == Some(true));
         pair.motion = Some(motion);
     }
     pair
+}
+
+/// A motion and which pairs fit it.
+type Fitted = (Motion, Vec<bool>);
+
+fn better(best: Fitted, next: Fitted) -> Fitted {
+    if next.0.cost < best.0.cost { next } else { best }
 }
 
 /// Pose of `b` in the frame of `a` and which pairs fit it: `a`'s pixels lifted by its prior, a pose by RANSAC over three
@@ -121,17 +120,17 @@ fn from_prior(
     b: &FeatureImage,
     pixels: &[PixelPair],
     matrix: Option<Matrix3<f64>>,
-    seed: u64,
-    stream: u64,
-) -> Option<(Motion, Vec<bool>)> {
+    ransac: &Ransac,
+) -> Option<Fitted> {
     let depths: Vec<Option<f64>> = pixels.iter().map(|(p, _)| a.log_prior(p)).collect();
     let lifted: Vec<(Point3<f64>, Vector3<f64>)> = pixels
         .iter()
         .zip(&depths)
-        .filter_map(|((p, q), depth)| Some((Point3::from(a.ray(p) * depth.as_ref()?.exp()), b.ray(q))))
+        .filter_map(|((p, q), depth)| {
+            Some((Point3::from(a.lens.ray(p, 0.0) * (*depth)?.exp()), b.lens.ray(q, 0.0)))
+        })
         .collect();
-    let ransac = Ransac { iterations: SAMPLES, seed, purpose: "resection", stream };
-    let start = resect(&lifted, &b.lens, RESECTION_PIXELS, &ransac)?;
+    let start = resect(&lifted, &b.lens, ransac)?;
 
     // The matches are those that obey the matrix, right or wrong: a prior that tells shapes apart is the better start.
     let is_flat = depths.iter().flatten().all(|depth| depths.iter().flatten().next() == Some(depth));
@@ -141,13 +140,10 @@ fn from_prior(
         Some((pose, true))
     });
     let starts = [Some((start, false)), Some((Pose::identity(), false)), epipolar].into_iter().flatten();
-    let motions =
-        starts.filter_map(|(start, triangulate)| adjusted(a, b, pixels, &depths, start, triangulate));
-    motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
+    starts
+        .filter_map(|(start, triangulate)| adjusted(a, b, pixels, &depths, start, triangulate))
+        .reduce(better)
 }
-
-/// Furthest depth from the median that a match may start from, as a factor.
-const FURTHEST: f64 = 30.0;
 
 /// The adjustment of pose and depths from that pose, and from the prior's depths or those that the pose gives.
 fn adjusted(
@@ -157,30 +153,18 @@ fn adjusted(
     depths: &[Option<f64>],
     start: Pose,
     triangulate: bool,
-) -> Option<(Motion, Vec<bool>)> {
+) -> Option<Fitted> {
     let middle = median(depths.iter().flatten().copied())?;
-    let tracks = pixels
-        .iter()
-        .zip(depths)
-        .map(|((p, q), &prior)| Observed {
-            anchor: 0,
-            pixel: *p,
-            inverse_depth: (-prior.unwrap_or(middle)).exp(),
-            prior,
-            views: vec![(1, *q)],
-        })
-        .collect();
+    let track = |((p, q), &prior): (&PixelPair, &Option<f64>)| Observed {
+        anchor: 0,
+        pixel: *p,
+        inverse_depth: (-prior.unwrap_or(middle)).exp(),
+        prior,
+        views: vec![(1, *q)],
+    };
     let mut bundle = Bundle {
-        lenses: vec![a.lens, b.lens],
-        poses: vec![Pose::identity(), start],
-        fixed: vec![true, false],
-        log_focal: 0.0,
-        focal_sigma: FOCAL_SIGMA / shared_error_factor(pixels.len()),
-        log_scales: vec![0.0; 2],
-        keep_scale: true,
-        prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(pixels.len()); 2],
-        pose_priors: vec![None; 2],
-        tracks,
+        cameras: Cameras::new(vec![a.lens, b.lens], vec![Pose::identity(), start], pixels.len()),
+        tracks: pixels.iter().zip(depths).map(track).collect(),
     };
     if triangulate {
         bundle.triangulate();
@@ -191,37 +175,37 @@ fn adjusted(
     }
     bundle.adjust(STEPS);
 
-    let fits: Vec<bool> =
-        bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, OUTLIER_PIXELS)).collect();
+    let Bundle { cameras, tracks } = &bundle;
+    let fits: Vec<bool> = tracks.iter().map(|t| cameras.fits(t, 1, &t.views[0].1, OUTLIER_PIXELS)).collect();
     if fits.iter().filter(|fit| **fit).count() < MIN_MATCHES {
         return None;
     }
     let ratio = |of: &dyn Fn(&Observed) -> Option<f64>| {
-        let fitting = bundle.tracks.iter().zip(&fits).filter(|(_, fit)| **fit);
+        let fitting = tracks.iter().zip(&fits).filter(|(_, fit)| **fit);
         median(fitting.filter_map(|(t, _)| of(t)))
     };
     let here = ratio(&|t| Some(-t.inverse_depth.ln() - t.prior?))?;
     let there = ratio(&|t| {
-        let point = bundle.poses[1] * Point3::from(a.ray(&t.pixel) / t.inverse_depth);
+        let point = cameras.poses[1] * Point3::from(a.lens.ray(&t.pixel, 0.0) / t.inverse_depth);
         (point.z > 0.0).then(|| Some(point.z.ln() - b.log_prior(&t.views[0].1)?)).flatten()
     })
     .unwrap_or(here);
     let motion = Motion {
-        pose: bundle.poses[1],
+        pose: cameras.poses[1],
         log_scales: [here, there],
-        log_focal: bundle.log_focal,
+        log_focal: cameras.log_focal,
         cost: bundle.cost(),
     };
     Some((motion, fits))
 }
 
-/// The pose of which most points fall within `pixels` of where they were seen, counted as MSAC does.
-fn resect(points: &[(Point3<f64>, Vector3<f64>)], lens: &Lens, pixels: f64, ransac: &Ransac) -> Option<Pose> {
+/// The pose of which most points fall near where they were seen, counted as MSAC does.
+fn resect(points: &[(Point3<f64>, Vector3<f64>)], lens: &Lens, ransac: &Ransac) -> Option<Pose> {
     if points.len() < 4 {
         return None;
     }
     // Rays have z = 1, so a squared distance between them is in squared focal lengths.
-    let limit = (pixels * lens.noise / lens.focal.mean()).powi(2);
+    let limit = (RESECTION_PIXELS * lens.noise / lens.focal.mean()).powi(2);
     let distance = |pose: &Pose, i: usize| {
         let (point, ray) = &points[i];
         let there = pose * point;

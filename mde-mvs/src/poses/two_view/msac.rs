@@ -3,11 +3,11 @@
 use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
-/// How many samples are drawn, and from which stream of random numbers.
-#[derive(Debug, Clone, Copy)]
+/// Samples at most.
+const SAMPLES: usize = 2000;
+
+/// From which stream of random numbers samples are drawn.
 pub(super) struct Ransac {
-    /// Samples at most.
-    pub(super) iterations: usize,
     pub(super) seed: u64,
     pub(super) purpose: &'static str,
     pub(super) stream: u64,
@@ -27,7 +27,7 @@ pub(super) fn msac<M, const N: usize>(
     improve: impl Fn(M, f64) -> (M, f64),
 ) -> Option<M> {
     let mut best: Option<(f64, M)> = None;
-    let mut needed = ransac.iterations;
+    let mut needed = SAMPLES;
     let mut iteration = 0;
     while iteration < needed {
         let chosen = draw::<N>(count, ransac, iteration);
@@ -39,7 +39,7 @@ pub(super) fn msac<M, const N: usize>(
             }
             let (model, value) = improve(model, value);
             let inliers = (0..count).filter(|&i| squared_distance(&model, i) < limit).count();
-            needed = needed.min(ransac.needed(inliers as f64 / count as f64, N));
+            needed = needed.min(samples(inliers as f64 / count as f64, N));
             best = Some((value, model));
         }
     }
@@ -51,12 +51,10 @@ pub(super) fn score(count: usize, limit: f64, squared_distance: impl Fn(usize) -
     (0..count).map(|i| (1.0 - squared_distance(i) / limit).max(0.0)).sum()
 }
 
-impl Ransac {
-    /// Samples after which one of `size` pairs without a wrong one was missed with a chance of 1e-4 only.
-    fn needed(&self, inlier_share: f64, size: usize) -> usize {
-        let good = inlier_share.powi(size as i32).clamp(1e-12, 1.0 - 1e-12);
-        (MISS.ln() / (1.0 - good).ln()).ceil() as usize
-    }
+/// Samples after which one of `size` pairs without a wrong one was missed with a chance of 1e-4 only.
+fn samples(inlier_share: f64, size: usize) -> usize {
+    let good = inlier_share.powi(size as i32).clamp(1e-12, 1.0 - 1e-12);
+    (MISS.ln() / (1.0 - good).ln()).ceil() as usize
 }
 
 /// `N` different indices below `count`, which is at least `N`.
@@ -80,7 +78,7 @@ mod tests {
     /// Every index is drawn equally often, and none twice in a sample.
     #[test]
     fn samples_are_uniform_sets() {
-        let ransac = Ransac { iterations: 0, seed: 3, purpose: "test", stream: 1 };
+        let ransac = Ransac { seed: 3, purpose: "test", stream: 1 };
         let mut counts = [0; 10];
         for iteration in 0..20_000 {
             let mut chosen = draw::<4>(10, &ransac, iteration);
@@ -94,8 +92,7 @@ mod tests {
 
     #[test]
     fn half_right_pairs_need_the_textbook_number_of_samples() {
-        let ransac = Ransac { iterations: 0, seed: 0, purpose: "test", stream: 0 };
-        assert_eq!(ransac.needed(0.5, 7), (1e-4_f64.ln() / (1.0 - 0.5_f64.powi(7)).ln()).ceil() as usize);
-        assert!(ransac.needed(0.0, 7) > 1_000_000 && ransac.needed(1.0, 7) == 1);
+        assert_eq!(samples(0.5, 7), (1e-4_f64.ln() / (1.0 - 0.5_f64.powi(7)).ln()).ceil() as usize);
+        assert!(samples(0.0, 7) > 1_000_000 && samples(1.0, 7) == 1);
     }
 }

@@ -7,29 +7,25 @@ const POLISH: usize = 3;
 /// An imaginary part below this share of the root's size is rounding.
 const IMAGINARY: f64 = 1e-6;
 
-/// Real roots of \\( a_n x^n + \dots + a_0 \\), coefficients from the constant up; a degree lower where the leading coefficient is zero.
-pub(super) fn real_roots<const N: usize>(a: [f64; N]) -> Vec<f64> {
-    real(&complex_roots(&a), &a)
-}
-
 fn evaluate(a: &[f64], x: f64) -> (f64, f64) {
     a.iter().rev().fold((0.0, 0.0), |(value, slope), c| (value * x + c, slope * x + value))
 }
 
-fn real(roots: &[Complex<f64>], a: &[f64]) -> Vec<f64> {
-    roots
-        .iter()
+/// Real roots of \\( a_n x^n + \dots + a_0 \\), coefficients from the constant up; a degree lower where the leading coefficient is zero.
+pub(super) fn real_roots<const N: usize>(a: [f64; N]) -> Vec<f64> {
+    complex_roots(&a)
+        .into_iter()
         .filter(|r| r.im.abs() <= IMAGINARY.sqrt() * (1.0 + r.re.abs()))
         .map(|r| {
             (0..POLISH).fold(r.re, |x, _| {
-                let (value, slope) = evaluate(a, x);
+                let (value, slope) = evaluate(&a, x);
                 let step = value / slope;
                 if step.is_finite() { x - step } else { x }
             })
         })
         .filter(|&x| {
             let size: f64 = a.iter().rev().fold(0.0, |sum, c| sum * x.abs() + c.abs());
-            x.is_finite() && evaluate(a, x).0.abs() <= IMAGINARY * size
+            x.is_finite() && evaluate(&a, x).0.abs() <= IMAGINARY * size
         })
         .collect()
 }
