@@ -46,14 +46,17 @@
 //!
 //! # Features
 //! `capture`: readers of nerfstudio's `transforms.json`, COLMAP models and TUM trajectories, and writers of the first two, in `capture`.
-//! `serde`: settings and reports can be read and written.
+//! `serde`: settings and reports can be read and written. `surface`: one mesh of many depth maps, in `surface`.
 
 #[cfg(feature = "capture")]
 pub mod capture;
+pub mod cloud;
 mod error;
 pub mod poses;
 mod raster;
 mod statistics;
+#[cfg(feature = "surface")]
+pub mod surface;
 pub mod sweep;
 #[cfg(test)]
 mod synthetic;

@@ -1,18 +1,23 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
 use crate::error::Result;
-use crate::output::export::{Format, colmap, ply, transforms};
+use crate::output::export::{Format, RefinedView, colmap, glb, ply, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
-use crate::several::cloud::{RefinedView, consistent_points};
 use crate::several::prepared::PreparedScene;
+use mde_mvs::cloud::{DepthView, consistent_points};
+use mde_mvs::surface::surface;
 use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+/// The frame of the points and the surface.
+const FRAME: &str = "world of transforms.json, the frame of its first camera";
+/// The surface of all photographs.
+pub const MESHES: [&str; 2] = ["mesh.ply", "mesh.glb"];
 /// The points that two photographs confirm.
 pub const CLOUD: &str = "cloud.ply";
 
@@ -140,9 +145,10 @@ impl PhotographRow {
 pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &[Format]) -> Result<usize> {
     transforms::write(&folder.join(transforms::FILE), views)?;
     let mut cloud = ply::Cloud::default();
-    let points = consistent_points(views);
+    let maps: Vec<DepthView<'_>> = views.iter().map(|view| view.map).collect();
+    let points = consistent_points(&maps);
     for found in &points {
-        let (view, [row, column]) = (&views[found.view], found.pixel);
+        let (view, [row, column]) = (&maps[found.view], found.pixel);
         let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
         let normal = view.pose.rotation.inverse() * normal;
         cloud.push(found.position, normal, view.colour(row, column), found.sigma);
@@ -150,10 +156,15 @@ pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &
     if export.contains(&Format::ColmapDense) {
         colmap::write_dense(folder, views, &points)?;
     }
+    if export.contains(&Format::Mesh) {
+        let surface = surface(&maps)?;
+        mde_prior::write_atomic(&folder.join(MESHES[0]), &ply::encode_surface(&surface, FRAME, unit))?;
+        mde_prior::write_atomic(&folder.join(MESHES[1]), &glb::encode_surface(&surface, unit))?;
+    }
     let count = cloud.len();
     let frame = match count {
         0 => "no point is confirmed by two photographs",
-        _ => "world of transforms.json, the frame of its first camera",
+        _ => FRAME,
     };
     mde_prior::write_atomic(&folder.join(CLOUD), &cloud.encode(frame, unit))?;
     Ok(count)

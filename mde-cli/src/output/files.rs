@@ -1,10 +1,10 @@
 //! The files of a result.
 
 use crate::error::{Error, Result};
-use crate::output::export::{self, Format, colmap, glb, ply, subfolder, transforms};
+use crate::output::export::{self, Format, RefinedView, colmap, glb, ply, subfolder, transforms};
 use crate::output::preview::preview;
 use crate::refiner::finish::PICTURES;
-use crate::several::cloud::RefinedView;
+use mde_mvs::cloud::DepthView;
 use mde_prior::CertaintyMeaning;
 use mde_prior::format::{
     CONFIDENCE_FORMULA, DepthPng, confidence, write_confidence_png, write_depth_png, write_exr, write_npy,
@@ -136,12 +136,15 @@ impl<'r> ResultFiles<'r> {
                 write_exr(folder.join("depth.exr"), &channels)?;
             }
             Format::Colmap => colmap::write(folder, &view)?,
-            Format::ColmapDense => {
-                let text = "export: colmap-dense is of a whole capture; refine all of its photographs, or give colmap";
+            Format::ColmapDense | Format::Mesh => {
+                let text = "export: colmap-dense and mesh are of a whole capture; refine all of its photographs, or give colmap or glb";
                 return Err(Error::Argument(text.to_owned()));
             }
             Format::Glb => write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, unit)?)?,
-            Format::Transforms => transforms::write(&folder.join(transforms::FILE), &[view])?,
+            Format::Transforms => {
+                let view = RefinedView { map: view, folder: "", png_scale: self.png.scale };
+                transforms::write(&folder.join(transforms::FILE), &[view])?;
+            }
             Format::Sigma => {
                 let parts = subfolder(folder, "sigma")?;
                 for (name, sigma) in &self.components {
@@ -158,15 +161,13 @@ impl<'r> ResultFiles<'r> {
     }
 
     /// The photograph in the frame of its camera.
-    pub(super) fn view(&self) -> RefinedView<'_> {
-        RefinedView {
-            folder: "",
+    pub(super) fn view(&self) -> DepthView<'_> {
+        DepthView {
             image: self.image,
             camera: self.camera,
             pose: Pose::identity(),
             depth: self.depth.mean(),
             sigma: self.sigma,
-            png_scale: self.png.scale,
         }
     }
 }

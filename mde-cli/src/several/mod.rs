@@ -12,7 +12,6 @@
 //! The poses fix the gauge, so the prior is brought to the field and not the field to the prior (`docs/method.md`).
 
 mod cameras;
-pub mod cloud;
 mod novel;
 pub mod prepared;
 mod priors;

@@ -2,17 +2,17 @@
 
 use crate::error::raise;
 use mde_cli::error::Result;
+use mde_cli::mde_mvs::cloud::DepthView;
 use mde_cli::mde_prior::CertaintyMeaning;
 use mde_cli::mde_prior::format::DepthPng;
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use mde_cli::output::every::write_all;
-use mde_cli::output::export::Format;
+use mde_cli::output::export::{Format, RefinedView};
 use mde_cli::output::files::{self, ResultFiles};
 use mde_cli::output::folder;
 use mde_cli::prior::origin::METRES;
-use mde_cli::several::cloud::RefinedView;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -133,15 +133,15 @@ pub(crate) fn save_all(
         let ((fx, fy, cx, cy, width, height), [w, i, j, k, x, y, z]) = (one.camera, one.pose);
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
         let depth = one.depth.as_array();
-        Ok(RefinedView {
-            folder: &one.folder,
+        let map = DepthView {
             image: one.image.as_array(),
             camera: PinholeCamera::new(fx, fy, cx, cy, width, height)?,
             pose: Pose::from_parts(Translation3::new(x, y, z), rotation),
             depth,
             sigma: one.sigma.as_array(),
-            png_scale: DepthPng::new(unit, depth.iter().copied()).scale,
-        })
+        };
+        let png_scale = DepthPng::new(unit, depth.iter().copied()).scale;
+        Ok(RefinedView { map, folder: &one.folder, png_scale })
     });
     let views = views.collect::<Result<Vec<_>>>().map_err(raise)?;
     py.detach(|| write_all(&folder, &views, unit, &formats)).map_err(raise)

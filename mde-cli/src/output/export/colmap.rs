@@ -1,9 +1,9 @@
 //! COLMAP's models: of one photograph with a thinned cloud, and the dense workspace of a capture.
 
-use super::{IMAGE, frame, subfolder};
+use super::{IMAGE, RefinedView, frame, subfolder};
 use crate::error::Result;
-use crate::several::cloud::{ConsistentPoint, RefinedView, seen};
 use mde_mvs::capture::{ColmapPoint, Frame, colmap_map, colmap_text};
+use mde_mvs::cloud::{ConsistentPoint, DepthView, seen};
 use mde_prior::photo::write_image;
 use mde_prior::write_atomic;
 use ndarray::Array3;
@@ -21,7 +21,7 @@ const POINTS: usize = 20_000;
 const VAGUE: f32 = 0.05;
 
 /// Writes a photograph and its model, in the frame of its camera.
-pub(crate) fn write(folder: &Path, view: &RefinedView<'_>) -> Result<()> {
+pub(crate) fn write(folder: &Path, view: &DepthView<'_>) -> Result<()> {
     let (rows, columns) = view.depth.dim();
     let step = ((rows * columns) as f64 / POINTS as f64).sqrt().ceil().max(1.0) as usize;
     let places = |side: usize| (step / 2..side).step_by(step);
@@ -46,13 +46,13 @@ pub(crate) fn write_dense(
     let (depths, normals) = (place("stereo/depth_maps")?, place("stereo/normal_maps")?);
     let names: Vec<_> = views.iter().map(|view| format!("{}.png", view.folder)).collect();
     names.par_iter().zip(views).try_for_each(|(name, view)| -> Result<()> {
-        let [depth, normal] = maps(view);
+        let [depth, normal] = maps(&view.map);
         let file = format!("{name}.geometric.bin");
         write_atomic(&depths.join(&file), &colmap_map(depth.view()))?;
         write_atomic(&normals.join(&file), &colmap_map(normal.view()))?;
-        Ok(write_image(images.join(name), view.image)?)
+        Ok(write_image(images.join(name), view.map.image)?)
     })?;
-    let frames: Vec<_> = views.iter().zip(&names).map(|(view, name)| frame(view, name.into())).collect();
+    let frames: Vec<_> = views.iter().zip(&names).map(|(view, name)| frame(&view.map, name.into())).collect();
     write_model(folder, "sparse", &frames, &tracks(views, points))?;
     let lines = |more: &str| names.iter().map(|name| format!("{name}\n{more}")).collect::<String>();
     // As COLMAP's undistorter writes it: the 20 photographs that share most points.
@@ -72,11 +72,11 @@ fn write_model(folder: &Path, inside: &str, frames: &[Frame], points: &[ColmapPo
 fn tracks(views: &[RefinedView<'_>], points: &[ConsistentPoint]) -> Vec<ColmapPoint> {
     let track = |point: &ConsistentPoint| {
         let pixel @ [row, column] = point.pixel;
-        let own = &views[point.view];
+        let own = &views[point.view].map;
         let relative = point.sigma / own.depth[pixel];
         let others = views.iter().enumerate().filter(|(index, _)| *index != point.view);
-        let others =
-            others.filter_map(|(index, view)| Some((index, seen(view, &point.position, relative)?.into())));
+        let others = others
+            .filter_map(|(index, view)| Some((index, seen(&view.map, &point.position, relative)?.into())));
         ColmapPoint {
             position: point.position,
             colour: own.colour(row, column),
@@ -87,7 +87,7 @@ fn tracks(views: &[RefinedView<'_>], points: &[ConsistentPoint]) -> Vec<ColmapPo
 }
 
 /// Depths, and unit normals in the frame of the camera, `[channels, height, width]`; both 0 where one is missing or vague.
-fn maps(view: &RefinedView<'_>) -> [Array3<f32>; 2] {
+fn maps(view: &DepthView<'_>) -> [Array3<f32>; 2] {
     let (height, width) = view.depth.dim();
     let [mut depths, mut normals] = [1, 3].map(|channels| Array3::zeros((channels, height, width)));
     for ((row, column), &depth) in view.depth.indexed_iter() {
@@ -108,8 +108,8 @@ fn maps(view: &RefinedView<'_>) -> [Array3<f32>; 2] {
 mod tests {
     use super::*;
     use crate::output::export::tests::{SIZE, with_plane};
-    use crate::several::cloud::consistent_points;
     use mde_mvs::capture::{read_colmap, read_colmap_depths};
+    use mde_mvs::cloud::consistent_points;
     use mde_warp::Pose;
     use nalgebra::{Point2, Vector3};
     use ndarray::{Array2, Axis};
@@ -137,15 +137,17 @@ mod tests {
         let (depth, sigma) = (Array2::from_elem(SIZE, 2.0), Array2::from_elem(SIZE, 0.05));
         with_plane(|view| {
             // Of a wall, a pixel apart.
-            let view = |folder, shift: f64| RefinedView {
-                folder,
+            let map = |shift: f64| DepthView {
                 pose: Pose::translation(-shift * 2.0 / view.camera.fx, 0.0, 0.0),
                 depth: depth.view(),
                 sigma: sigma.view(),
                 ..*view
             };
-            let views = [view("photo-0", 0.0), view("photo-1", 1.0), view("photo-2", 2.0)];
-            write_dense(place.path(), &views, &consistent_points(&views)).unwrap();
+            let maps = [map(0.0), map(1.0), map(2.0)];
+            let named = maps.iter().zip(["photo-0", "photo-1", "photo-2"]);
+            let views: Vec<_> =
+                named.map(|(map, folder)| RefinedView { map: *map, folder, png_scale: 1000.0 }).collect();
+            write_dense(place.path(), &views, &consistent_points(&maps)).unwrap();
         });
         let file = |name: &str| place.path().join(FOLDER).join(name);
         let text = |name: &str| fs::read_to_string(file(name)).unwrap();
@@ -175,7 +177,7 @@ mod tests {
                 let (mut sigma, mut expected) = (0.02 * &depth, depth.clone());
                 (sigma[(4, 5)], sigma[(2, 3)]) = (0.11 * depth[(4, 5)], f32::INFINITY);
                 (expected[(4, 5)], expected[(2, 3)]) = (0.0, 0.0);
-                let [found, normal] = maps(&RefinedView { depth: depth.view(), sigma: sigma.view(), ..*view });
+                let [found, normal] = maps(&DepthView { depth: depth.view(), sigma: sigma.view(), ..*view });
                 assert_eq!(found.index_axis(Axis(0), 0), expected);
                 for (at, z) in expected.indexed_iter() {
                     let normal = Vector3::from_fn(|channel, _| f64::from(normal[(channel, at.0, at.1)]));

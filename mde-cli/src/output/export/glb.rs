@@ -1,8 +1,9 @@
-//! Binary glTF: the depth map as a mesh with the photograph as its texture, y up, torn at depth edges.
+//! Binary glTF, y up: a depth map as a mesh with the photograph as its texture, torn at depth edges, and the surface of a capture.
 
 use crate::error::Result;
 use crate::scene::size::byte;
-use crate::several::cloud::RefinedView;
+use mde_mvs::cloud::DepthView;
+use mde_mvs::surface::{Surface, Vertex};
 use mde_prior::photo::encode_rgb_png;
 use serde_json::{Value, json};
 
@@ -26,11 +27,11 @@ struct Mesh {
     triangles: Vec<[u32; 3]>,
 }
 
-pub(crate) fn encode(view: &RefinedView<'_>, unit: &str) -> Result<Vec<u8>> {
+pub(crate) fn encode(view: &DepthView<'_>, unit: &str) -> Result<Vec<u8>> {
     file(view, unit, &mesh(view, TEAR))
 }
 
-fn file(view: &RefinedView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
+fn file(view: &DepthView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
     let asset = json!({ "version": "2.0", "generator": "mde", "extras": { "unit": unit } });
     if triangles.is_empty() {
         // An accessor holds at least one element: without a surface there is no mesh.
@@ -82,6 +83,55 @@ fn file(view: &RefinedView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh)
     Ok(container(&root, &data))
 }
 
+/// The surface of a capture, with the colours of its vertices.
+pub(crate) fn encode_surface(Surface { vertices, triangles }: &Surface, unit: &str) -> Vec<u8> {
+    let asset = json!({ "version": "2.0", "generator": "mde", "extras": { "unit": unit } });
+    if triangles.is_empty() {
+        return container(&json!({ "asset": asset, "scene": 0, "scenes": [{}] }), &[]);
+    }
+    // glTF's colours of vertices are linear.
+    let linear = |c: f32| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+    let numbers = |vertex: &Vertex| -> Vec<f32> {
+        let ([x, y, z], [u, v, w]) = (vertex.position, vertex.normal);
+        let place = [x, -y, -z, u, -v, -w];
+        place.into_iter().chain(vertex.colour.map(linear)).chain([vertex.sigma]).collect()
+    };
+    let mut data: Vec<u8> = vertices.iter().flat_map(numbers).flat_map(f32::to_le_bytes).collect();
+    let indices = data.len();
+    data.extend(triangles.iter().flatten().flat_map(|index| index.to_le_bytes()));
+    let stride = indices / vertices.len();
+    let ends = |wanted: fn(f32, f32) -> f32, start: f32| -> [f32; 3] {
+        let of =
+            |axis: usize, sign: f32| vertices.iter().map(|v| sign * v.position[axis]).fold(start, wanted);
+        [of(0, 1.0), of(1, -1.0), of(2, -1.0)]
+    };
+    let attribute = |offset: usize, kind: &str| json!({ "bufferView": 0, "byteOffset": offset, "componentType": FLOAT, "count": vertices.len(), "type": kind });
+    let mut position = attribute(0, "VEC3");
+    (position["min"], position["max"]) =
+        (json!(ends(f32::min, f32::INFINITY)), json!(ends(f32::max, f32::NEG_INFINITY)));
+    let root = json!({
+        "asset": asset,
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "name": "surface", "mesh": 0 }],
+        "buffers": [{ "byteLength": data.len() }],
+        "bufferViews": [
+            { "buffer": 0, "byteLength": indices, "byteStride": stride, "target": ARRAY_BUFFER },
+            { "buffer": 0, "byteOffset": indices, "byteLength": data.len() - indices, "target": ELEMENT_ARRAY_BUFFER },
+        ],
+        "materials": [{ "name": "colours", "doubleSided": true, "extensions": { "KHR_materials_unlit": {} } }],
+        "accessors": [
+            position, attribute(12, "VEC3"), attribute(24, "VEC3"), attribute(36, "SCALAR"),
+            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(), "type": "SCALAR" },
+        ],
+        "meshes": [{ "name": "surface", "primitives": [{
+            "attributes": { "POSITION": 0, "NORMAL": 1, "COLOR_0": 2, "_SIGMA": 3 }, "indices": 4, "material": 0,
+        }] }],
+    });
+    container(&root, &data)
+}
+
 /// Header, JSON and data.
 fn container(root: &Value, data: &[u8]) -> Vec<u8> {
     let mut text = root.to_string().into_bytes();
@@ -102,7 +152,7 @@ fn container(root: &Value, data: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn mesh(view: &RefinedView<'_>, tear: f64) -> Mesh {
+fn mesh(view: &DepthView<'_>, tear: f64) -> Mesh {
     let (rows, columns) = view.depth.dim();
     let step = ((rows * columns) as f64 / VERTICES as f64).sqrt().ceil().max(1.0) as usize;
     let (tall, wide) = (rows.div_ceil(step), columns.div_ceil(step));
@@ -190,6 +240,25 @@ mod tests {
                 assert!((b - a).cross(&(c - a)).dot(&a) < 0.0, "{a} {b} {c}");
             }
         });
+    }
+
+    #[test]
+    fn a_surface_stands_upright_with_linear_colours() {
+        let vertex = |x: f32| Vertex {
+            position: [x, 1.0, 2.0],
+            normal: [0.0, 0.0, -1.0],
+            colour: [1.0, 0.5, 0.0],
+            sigma: 0.1,
+        };
+        let surface = Surface { vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(), triangles: vec![[0, 2, 1]] };
+        let bytes = encode_surface(&surface, "m");
+        let (root, data) = parts(&bytes);
+        let float = |at: usize| f32::from_le_bytes(data[at..at + 4].try_into().unwrap());
+        let second: Vec<f32> = (0..10).map(|i| float(40 + 4 * i)).collect();
+        assert_eq!(second[..7], [1.0, -1.0, -2.0, 0.0, 0.0, 1.0, 1.0]);
+        assert!((second[7] - 0.214).abs() < 1e-3 && second[8..] == [0.0, 0.1]);
+        assert_eq!(root["accessors"][0]["max"], json!([2.0, -1.0, -2.0]));
+        assert_eq!((root["accessors"][4]["count"].as_u64(), data.len()), (Some(3), 3 * 40 + 12));
     }
 
     #[test]

@@ -1,9 +1,11 @@
-//! Binary PLY: points with colour, normal and sigma.
+//! Binary PLY: points with colour, normal and sigma, and the triangles between them.
 
-use crate::several::cloud::RefinedView;
+use crate::scene::size::byte;
+use mde_mvs::cloud::DepthView;
+use mde_mvs::surface::Surface;
 use nalgebra::{Point3, Vector3};
 
-pub(crate) fn encode(view: &RefinedView<'_>, unit: &str) -> Vec<u8> {
+pub(crate) fn encode(view: &DepthView<'_>, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud::default();
     for ((row, column), &sigma) in view.sigma.indexed_iter() {
         let Some(point) = view.point(row, column) else { continue };
@@ -12,14 +14,25 @@ pub(crate) fn encode(view: &RefinedView<'_>, unit: &str) -> Vec<u8> {
     cloud.encode("camera frame", unit)
 }
 
-/// Points with normal, colour and sigma; x right, y down, z forward.
-#[derive(Default)]
-pub(crate) struct Cloud {
-    bytes: Vec<u8>,
-    count: usize,
+/// The surface of a capture.
+pub(crate) fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
+    let mut cloud = Cloud { triangles: &surface.triangles, ..Cloud::default() };
+    for vertex in &surface.vertices {
+        let [position, normal] = [vertex.position, vertex.normal].map(|v| Vector3::from(v).cast());
+        cloud.push(position.into(), normal, vertex.colour.map(byte), vertex.sigma);
+    }
+    cloud.encode(frame, unit)
 }
 
-impl Cloud {
+/// Points with normal, colour and sigma; x right, y down, z forward.
+#[derive(Default)]
+pub(crate) struct Cloud<'t> {
+    bytes: Vec<u8>,
+    count: usize,
+    triangles: &'t [[u32; 3]],
+}
+
+impl Cloud<'_> {
     /// Adds a point with its unit normal and the standard deviation of its depth.
     pub(crate) fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
         let numbers = point.coords.iter().chain(&normal).map(|v| *v as f32);
@@ -43,10 +56,18 @@ impl Cloud {
              property float x\nproperty float y\nproperty float z\n\
              property float nx\nproperty float ny\nproperty float nz\n\
              property uchar red\nproperty uchar green\nproperty uchar blue\n\
-             property float sigma\nend_header\n",
-            self.count
+             property float sigma\n{}end_header\n",
+            self.count,
+            match self.triangles.len() {
+                0 => String::new(),
+                count => format!("element face {count}\nproperty list uchar uint vertex_indices\n"),
+            }
         );
-        [header.into_bytes(), self.bytes].concat()
+        let face = |corners: &[u32; 3]| -> Vec<u8> {
+            std::iter::once(3).chain(corners.iter().flat_map(|corner| corner.to_le_bytes())).collect()
+        };
+        let faces = self.triangles.iter().flat_map(face).collect();
+        [header.into_bytes(), self.bytes, faces].concat()
     }
 }
 
@@ -54,6 +75,23 @@ impl Cloud {
 mod tests {
     use super::*;
     use crate::output::export::tests::{SIZE, with_plane};
+    use mde_mvs::surface::Vertex;
+
+    #[test]
+    fn a_surface_has_its_vertices_and_triangles() {
+        let vertex = |x: f32| Vertex {
+            position: [x, 1.0, 2.0],
+            normal: [0.0, 0.0, -1.0],
+            colour: [1.0, 0.5, 0.0],
+            sigma: 0.1,
+        };
+        let surface = Surface { vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(), triangles: vec![[0, 2, 1]] };
+        let bytes = encode_surface(&surface, "world", "m");
+        let text = String::from_utf8_lossy(&bytes);
+        assert!(text.contains("element vertex 3\n") && text.contains("element face 1\n"), "{text}");
+        assert_eq!(bytes[bytes.len() - 13..], [3, 0, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+        assert_eq!(bytes[bytes.len() - 13 - 31..][24..27], [255, 128, 0]);
+    }
 
     #[test]
     fn a_planes_points_lie_on_it_and_their_normals_face_the_camera() {

@@ -1,6 +1,7 @@
 //! Every photograph of a capture refined. The files of all of them, such as the poses and one cloud, are written at the end.
 
-use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
+use crate::output::every::{CLOUD, EveryRecord, MESHES, PhotographRow, write_all};
+use crate::output::export::RefinedView;
 use crate::output::export::colmap::{FOLDER as WORKSPACE, LIST};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
@@ -17,9 +18,9 @@ use crate::program::store::folder::{OpenFolder, OutputFolder, RECORD};
 use crate::program::summary::intervals;
 use crate::refiner::Plan;
 use crate::scene::Scene;
-use crate::several::cloud::RefinedView;
 use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
+use mde_mvs::cloud::DepthView;
 use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use ndarray::Array2;
 use serde_json::json;
@@ -28,7 +29,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Files of all photographs and the folder of those for COLMAP, the record last.
-const OF_ALL: [&str; 5] = [WORKSPACE, CLOUD, TRANSFORMS, INDEX, RECORD];
+const OF_ALL: [&str; 7] = [WORKSPACE, CLOUD, MESHES[0], MESHES[1], TRANSFORMS, INDEX, RECORD];
 
 /// Checks that the folder is new, or one of an earlier run on a capture; creates nothing.
 pub(crate) fn check_folder(output: &Path) -> Result<()> {
@@ -105,16 +106,11 @@ pub(crate) fn run(
     rows.extend(scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error)));
     let maps = placed.iter().map(|(index, ..)| maps(&output.join(&folders[*index])));
     let maps = maps.collect::<Result<Vec<_>>>()?;
-    let views =
-        placed.iter().zip(&maps).map(|(&(index, camera, pose), (depth, sigma, png_scale))| RefinedView {
-            folder: &folders[index],
-            image: scene.photographs[index].image.view(),
-            camera,
-            pose,
-            depth: depth.view(),
-            sigma: sigma.view(),
-            png_scale: *png_scale,
-        });
+    let views = placed.iter().zip(&maps).map(|(&(index, camera, pose), (depth, sigma, png_scale))| {
+        let image = scene.photographs[index].image.view();
+        let map = DepthView { image, camera, pose, depth: depth.view(), sigma: sigma.view() };
+        RefinedView { map, folder: &folders[index], png_scale: *png_scale }
+    });
     let views: Vec<_> = views.collect();
     let points = write_all(output, &views, prepared.unit(), job.export)?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(&rows).as_bytes())?;

@@ -1,6 +1,5 @@
-//! Points on which the refined depths of several photographs agree.
+//! Photographs with poses and depths, and the points on which they agree.
 
-use crate::scene::size::byte;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3, Vector3};
 use ndarray::{Array2, ArrayView2, ArrayView3};
@@ -9,11 +8,9 @@ use rayon::prelude::*;
 /// Nearest photographs into which the points of one are projected.
 const NEAREST: usize = 32;
 
-/// A refined photograph with its pose.
+/// A photograph with a pose and a depth.
 #[derive(Debug, Clone, Copy)]
-pub struct RefinedView<'v> {
-    /// The folder of its files, from that of the files of all; empty where they are the same.
-    pub folder: &'v str,
+pub struct DepthView<'v> {
     /// sRGB in 0 to 1, `[height, width, 3]`.
     pub image: ArrayView3<'v, f32>,
     /// Its camera.
@@ -24,11 +21,9 @@ pub struct RefinedView<'v> {
     pub depth: ArrayView2<'v, f32>,
     /// Its standard deviation; infinite where missing.
     pub sigma: ArrayView2<'v, f32>,
-    /// Steps per unit of its `depth.png`.
-    pub png_scale: f64,
 }
 
-impl RefinedView<'_> {
+impl DepthView<'_> {
     /// The point of a pixel in the frame of the camera, where its depth is known.
     pub fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
         let z = *self.depth.get((row, column))?;
@@ -38,7 +33,7 @@ impl RefinedView<'_> {
 
     /// The colour of a pixel.
     pub fn colour(&self, row: usize, column: usize) -> [u8; 3] {
-        [0, 1, 2].map(|channel| byte(self.image[(row, column, channel)]))
+        [0, 1, 2].map(|channel| (self.image[(row, column, channel)].clamp(0.0, 1.0) * 255.0).round() as u8)
     }
 
     /// Unit normal of the surface at the `point` of a pixel, towards the camera; 0 where no neighbour is known.
@@ -82,14 +77,13 @@ pub struct ConsistentPoint {
 /// would have it.
 ///
 /// Maps of another size than their camera have no points.
-pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
+pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
     // The pixels of which a point is, and those that confirmed it.
     let none = || views.iter().map(|view| Array2::from_elem(view.camera.dim(), false)).collect::<Vec<_>>();
     let (mut given, mut taken) = (none(), none());
     let mut points = Vec::new();
-    let sized = |view: &RefinedView<'_>| {
-        view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim()
-    };
+    let sized =
+        |view: &DepthView<'_>| view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim();
     for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
         let world = view.pose.inverse();
         let others = nearest(views, index).into_iter().filter(|&other| sized(&views[other]));
@@ -133,8 +127,8 @@ pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
 }
 
 /// The [`NEAREST`] of the other views.
-fn nearest(views: &[RefinedView<'_>], index: usize) -> Vec<usize> {
-    let centre = |view: &RefinedView<'_>| view.pose.inverse().translation.vector;
+fn nearest(views: &[DepthView<'_>], index: usize) -> Vec<usize> {
+    let centre = |view: &DepthView<'_>| view.pose.inverse().translation.vector;
     let here = centre(&views[index]);
     let distance = |other: &usize| (centre(&views[*other]) - here).norm();
     let mut others: Vec<usize> = (0..views.len()).filter(|&other| other != index).collect();
@@ -144,7 +138,7 @@ fn nearest(views: &[RefinedView<'_>], index: usize) -> Vec<usize> {
 }
 
 /// The pixel, row and column, where a view confirms a point of that relative deviation.
-pub(crate) fn seen(view: &RefinedView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
+pub fn seen(view: &DepthView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
     let (camera, there) = (&view.camera, view.pose * position);
     let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
     if !(x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64) {
@@ -162,15 +156,13 @@ mod tests {
 
     const SIZE: (usize, usize) = (12, 16);
 
-    fn view<'v>(shift: f64, depth: &'v Array2<f32>, sigma: &'v Array2<f32>) -> RefinedView<'v> {
-        RefinedView {
-            folder: "",
+    fn view<'v>(shift: f64, depth: &'v Array2<f32>, sigma: &'v Array2<f32>) -> DepthView<'v> {
+        DepthView {
             image: ArrayView3::from_shape((0, 0, 3), &[]).unwrap(),
             camera: PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap(),
             pose: Pose::translation(-shift, 0.0, 0.0),
             depth: depth.view(),
             sigma: sigma.view(),
-            png_scale: 1000.0,
         }
     }
 
