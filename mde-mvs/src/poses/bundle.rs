@@ -463,11 +463,25 @@ impl Bundle {
     }
 
     /// Covariance of each pose's left perturbation, translation before rotation in radians, if a pixel's standard deviation is
-    /// `noise` times that of [`Lens::noise`]. Nothing for poses that are kept, and where the normal equations are singular.
+    /// `noise` times that of [`Lens::noise`]. Where no pose is given the length of all translations together, the unit, counts as known.
+    /// Nothing for poses that are kept, and where the normal equations are singular.
     pub(super) fn covariances(&self, noise: f64) -> Vec<Option<Matrix6<f64>>> {
         let layout = self.layout();
-        let factor = self.normal(&layout, noise).reduced(0.0).0.cholesky();
-        let inverse = factor.map(|factor| factor.inverse());
+        let matrix = self.normal(&layout, noise).reduced(0.0).0;
+        let mut along = DVector::zeros(matrix.nrows());
+        if self.cameras.given.is_none() {
+            for (start, pose) in layout.poses.iter().zip(&self.cameras.poses) {
+                let Some(start) = *start else { continue };
+                along.fixed_rows_mut::<3>(start).copy_from(&pose.translation.vector);
+            }
+        }
+        let inverse = matrix.cholesky().map(|factor| {
+            let inverse = factor.inverse();
+            let spread = &inverse * &along;
+            let variance = along.dot(&spread);
+            // Given that the translations' sum along themselves does not change.
+            if variance > 0.0 { inverse - &spread * spread.transpose() / variance } else { inverse }
+        });
         let of_pose = |at: usize| Some(inverse.as_ref()?.fixed_view::<6, 6>(at, at).into_owned());
         layout.poses.iter().map(|start| start.and_then(of_pose)).collect()
     }
