@@ -1,6 +1,7 @@
 //! Summary of a finished run.
 
 use crate::prior::origin::PriorForm;
+use crate::program::error::flags;
 use crate::refiner::Refined;
 use crate::refiner::error_bar::ErrorBar;
 use crate::reports::capture::{CaptureReport, PoseSource};
@@ -14,7 +15,7 @@ pub(crate) fn intervals(error_bar: &ErrorBar) -> String {
 
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
 pub(crate) fn summary(result: &Refined<'_>) -> String {
-    let Refined { refinement, unit, stated, origin, scene, .. } = result;
+    let Refined { refinement, unit, stated, origin, scene, camera, .. } = result;
     // A network's metres have a scale of their own.
     let of_model = origin.model.is_some() && scene.known.is_none() && !scene.is_several();
     let depth = refinement.depth.mean();
@@ -66,6 +67,7 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         percent(median(relative)),
     )];
+    lines.push(format!("camera: {}", flags(&camera.title())));
     lines.extend(refinement.capture.as_ref().and_then(photographs));
     if let Some(last) = refinement.iterations.last() {
         let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());

@@ -139,6 +139,22 @@ impl KnownCamera {
         (!self.is_assumed()).then(|| self.camera.fx / self.camera.width as f64)
     }
 
+    /// Focal length, field of view and source, for the user.
+    pub fn title(&self) -> String {
+        let PinholeCamera { fx, width, .. } = self.camera;
+        let source = match &self.source {
+            CameraSource::Flags | CameraSource::FieldOfView(_) => "given",
+            CameraSource::File(_) => "from its file",
+            CameraSource::Exif(_) => "from the photograph's EXIF",
+            CameraSource::Network => "the network's estimate; give {fov} if known",
+            CameraSource::Assumed(_) => "assumed; give {fov} if known",
+            CameraSource::Estimated => "estimated with the poses; give {fov} if known",
+            CameraSource::Scene => "the scene's own",
+        };
+        let degrees = 2.0 * (0.5 * width as f64 / fx).atan().to_degrees();
+        format!("focal length {fx:.0} px ({degrees:.1} degrees), {source}")
+    }
+
     /// A warning where the camera is assumed.
     pub fn warning(&self) -> Option<String> {
         let CameraSource::Assumed(degrees) = self.source else { return None };
