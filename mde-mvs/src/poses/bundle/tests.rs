@@ -56,6 +56,18 @@ fn apart(a: &Pose, b: &Pose) -> f64 {
     a.rotation.angle_to(&b.rotation) + (a.translation.vector - b.translation.vector).norm()
 }
 
+/// The length of a single translation is the unit; what is across it is not.
+#[test]
+fn the_unit_is_no_part_of_the_covariance() {
+    let bundle = scene(&motions()[..2], 60, 1);
+    let covariance = bundle.covariances(1.0)[1].unwrap();
+    let mut along = Vector6::zeros();
+    along.fixed_rows_mut::<3>(0).copy_from(&bundle.cameras.poses[1].translation.vector);
+    assert!((covariance * along).norm() < 1e-9 * covariance.norm(), "{covariance}");
+    let across = Vector6::new(0.0, along.z, -along.y, 0.0, 0.0, 0.0).normalize();
+    assert!(across.dot(&(covariance * across)) > 1e-9);
+}
+
 #[test]
 fn an_exact_scene_is_recovered() {
     for seed in 0..5 {

@@ -10,8 +10,8 @@
 mod graph;
 
 use super::matching::match_features;
-use super::two_view::relative_pose;
-use super::{EPIPOLAR_PIXELS, FeatureImage, MIN_MATCHES, PoseInput, REGIONS};
+use super::two_view::{Motion, relative_pose};
+use super::{FeatureImage, PoseInput, REGIONS};
 use crate::statistics::robust_deviation;
 use crate::{Error, Result};
 use graph::Laplacian;
@@ -87,13 +87,7 @@ impl Prepared {
     /// which the priors share an error. It depends on the photographs and the seed alone.
     pub fn log_ratio(Self(a): &Self, Self(b): &Self, seed: u64) -> Option<[f64; 2]> {
         let found = match_features(&a.features, &b.features);
-        let (pose, log_scales, log_focal) = match is_static(a, b, &found) {
-            true => (Pose::identity(), [0.0; 2], 0.0),
-            false => {
-                let motion = relative_pose([a, b], [0, 1], &found, seed).motion?;
-                (motion.pose, motion.log_scales, motion.log_focal)
-            }
-        };
+        let Motion { pose, log_scales, log_focal, .. } = relative_pose([a, b], [0, 1], &found, seed).motion?;
         let (mut ratios, forth) = depth_log_ratios([a, b], &pose, log_scales[0], log_focal);
         let (others, back) = depth_log_ratios([b, a], &pose.inverse(), log_scales[1], log_focal);
         ratios.extend(others.into_iter().map(|ratio| -ratio));
@@ -102,14 +96,6 @@ impl Prepared {
         let spread = robust_deviation(ratios.into_iter().map(|ratio| ratio - log)).unwrap_or(0.0);
         Some([log, (OF_MEDIAN * spread / regions.sqrt()).max(LEAST_SIGMA)])
     }
-}
-
-/// True if three quarters of the matches moved less than the threshold: the fundamental matrix is degenerate.
-fn is_static(a: &FeatureImage, b: &FeatureImage, matches: &[[usize; 2]]) -> bool {
-    let size = |image: &FeatureImage| image.prior.as_ref().map(|prior| prior.dim());
-    let limit = EPIPOLAR_PIXELS * a.lens.noise;
-    let kept = matches.iter().filter(|[i, j]| (a.pixel(*i) - b.pixel(*j)).norm() < limit).count();
-    size(a) == size(b) && kept >= MIN_MATCHES && 4 * kept >= 3 * matches.len()
 }
 
 /// Log ratio of `from`'s depth, moved into `to`, to `to`'s prior, per sampled pixel; and the overlap, as a share of the samples.

@@ -78,13 +78,20 @@ fn stream([first, second]: [usize; 2]) -> u64 {
     (first as u64) << 15 | second as u64
 }
 
-/// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
+/// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept; none where
+/// the camera has not moved.
 pub(super) fn relative_pose(
     [a, b]: [&FeatureImage; 2],
     places: [usize; 2],
     found: &[[usize; 2]],
     seed: u64,
 ) -> Pair {
+    if let Some(agreeing) = unmoved(a, b, found) {
+        let motion = Motion { pose: Pose::identity(), log_scales: [0.0; 2], log_focal: 0.0, cost: 0.0 };
+        let [first, second] = places;
+        let (matches, motion) = (found.len(), Some(motion));
+        return Pair { first, second, matches, agreeing, matrix: None, motion };
+    }
     let mut pair = verified_matches([a, b], places, found, seed);
     if pair.agreeing.len() < MIN_MATCHES {
         return pair;
@@ -103,6 +110,16 @@ pub(super) fn relative_pose(
         pair.motion = Some(motion);
     }
     pair
+}
+
+/// The matches that have not moved, where these are three quarters: the fundamental matrix is degenerate.
+fn unmoved(a: &FeatureImage, b: &FeatureImage, found: &[[usize; 2]]) -> Option<Vec<[usize; 2]>> {
+    let size = |image: &FeatureImage| image.prior.as_ref().map(|prior| prior.dim());
+    let limit = EPIPOLAR_PIXELS * a.lens.noise;
+    let kept: Vec<_> =
+        found.iter().copied().filter(|[i, j]| (a.pixel(*i) - b.pixel(*j)).norm() < limit).collect();
+    let most = kept.len() >= MIN_MATCHES && 4 * kept.len() >= 3 * found.len();
+    (most && size(a) == size(b)).then_some(kept)
 }
 
 /// A motion and which pairs fit it.
