@@ -137,6 +137,10 @@ impl Place {
     pub(crate) fn maps(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
         let root = self.path(folder);
         let mut found = BTreeMap::new();
+        // A killed run may have made nothing.
+        if !root.is_dir() {
+            return found;
+        }
         for name in names(&root).into_iter().filter(|name| !name.starts_with('.')) {
             if root.join(&name).is_dir() {
                 let below = self.maps(&format!("{folder}/{name}"));

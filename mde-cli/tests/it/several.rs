@@ -12,6 +12,8 @@ use mde_cli::{Config, Event, Preset, Refinement, Stages, refine_several};
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
+use mde_warp::Pose;
+use std::ops::ControlFlow;
 
 const SIZE: [usize; 2] = [128, 96];
 
@@ -165,7 +167,14 @@ fn the_printed_fusion_is_there_with_several_photographs() {
     assert_eq!(printed.components.iter().map(|part| part.name).collect::<Vec<_>>(), ["field"]);
     let alone =
         refine_several(&capture, Stages::new(&prior).with_fuser(&FieldAlone), &config, &mut go_on).unwrap();
-    assert!(alone.depth.mean().iter().zip(field).all(|(a, b)| *a == 0.0 || (a / b - 1.0).abs() < 1e-5));
+    let rendered = alone.field.unwrap().render(
+        &capture.photographs[capture.reference].camera.camera,
+        &Pose::identity(),
+        &mut |_: &mde_cli::mde_nerf::FieldEvent| ControlFlow::Continue(()),
+    );
+    let [scale, _] = alone.capture.unwrap().scale.unwrap();
+    let own = rendered.unwrap().depth.mean().mapv(|z| z / scale as f32);
+    assert!(alone.depth.mean().iter().zip(&own).all(|(a, b)| *a == 0.0 || (a / b - 1.0).abs() < 1e-5));
 }
 
 #[test]

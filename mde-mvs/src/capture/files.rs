@@ -46,10 +46,13 @@ impl CaptureFiles {
     /// The first photograph of files without intrinsics.
     ///
     /// # Errors
-    /// Those of [`read_tum_list`].
+    /// Those of [`read_tum_list`], and [`Error::Content`](super::Error::Content) where it has none.
     pub fn first_photograph(&self) -> Result<Option<PathBuf>> {
         let Self::Tum(folder) = self else { return Ok(None) };
-        Ok(read_tum_list(&folder.join("rgb.txt"))?.into_iter().next().map(|(_, path)| path))
+        let list = folder.join("rgb.txt");
+        let first = read_tum_list(&list)?.into_iter().next();
+        let none = || fault(&list, "no photograph; at least 2 with poses are needed");
+        first.map(|(_, path)| Some(path)).ok_or_else(none)
     }
 
     /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers. Pixel centres of a `transforms.json` are at

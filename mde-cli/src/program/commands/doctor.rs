@@ -30,6 +30,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
         ("machine", format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)),
         ("threads", format!("{} used, {cores} available", rayon::current_num_threads())),
         ("vectors", vectors()),
+        ("memory", memory()),
     ] {
         print(what, &text);
     }
@@ -127,6 +128,19 @@ fn vectors() -> String {
     let found = [("NEON", cfg!(target_arch = "aarch64"))];
     let names: Vec<_> = found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect();
     if names.is_empty() { "the least of this architecture: slow".to_owned() } else { names.join(", ") }
+}
+
+/// Known on Linux only.
+fn memory() -> String {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let gib = |key: &str| -> Option<f64> {
+        let line = text.lines().find_map(|line| line.strip_prefix(key))?;
+        Some(line.split_whitespace().next()?.parse::<f64>().ok()? / f64::from(1 << 20))
+    };
+    match (gib("MemAvailable:"), gib("MemTotal:")) {
+        (Some(free), Some(all)) => format!("{free:.1} of {all:.1} GiB free"),
+        _ => "unknown on this system".to_owned(),
+    }
 }
 
 /// A closed pipe is no error.
