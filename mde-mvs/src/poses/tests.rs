@@ -117,6 +117,16 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
     assert!(matches!(few, Verdict::Uncertain(degrees) if degrees > 3.0) && !posed, "{few:?}");
 }
 
+/// The same picture twice, or a camera on a tripod: no parallax without poses, and with given ones no contradiction.
+#[test]
+fn a_camera_that_has_not_moved_has_no_parallax() {
+    let twice = [standard()[0].clone(), standard()[0].clone()];
+    let found = estimate(&photographs(&twice), 0).photographs;
+    assert!(matches!(found[1].verdict, Verdict::NoParallax(pixels) if pixels < 0.1), "{}", found[1].verdict);
+    let given = refine(&photographs(&twice), &[Pose::identity(); 2], 0).photographs;
+    assert_eq!(given[1].pose, Some(Pose::identity()));
+}
+
 #[test]
 fn poses_of_rendered_photographs_are_found_in_the_unit_of_the_prior() {
     let found = estimate(&photographs(standard()), 0);

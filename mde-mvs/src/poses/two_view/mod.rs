@@ -62,11 +62,16 @@ pub(super) fn verified_matches(
     found: &[[usize; 2]],
     seed: u64,
 ) -> Pair {
+    let matches = found.len();
+    if let Some(agreeing) = unmoved(images, found) {
+        let motion = Motion { pose: Pose::identity(), log_scales: [0.0; 2], log_focal: 0.0, cost: 0.0 };
+        return Pair { first, second, matches, agreeing, matrix: None, motion: Some(motion) };
+    }
     let noise = images[0].lens.noise.max(images[1].lens.noise);
     let ransac = Ransac { seed, purpose: "epipolar", stream: stream([first, second]) };
     let (matrix, kept) = filter(&pixels(images, found), EPIPOLAR_PIXELS * noise, &ransac).unzip();
     let agreeing = kept.iter().flatten().map(|&i| found[i]).collect();
-    Pair { first, second, matches: found.len(), agreeing, matrix, motion: None }
+    Pair { first, second, matches, agreeing, matrix, motion: None }
 }
 
 /// Pixels of pairs of features.
@@ -78,22 +83,15 @@ fn stream([first, second]: [usize; 2]) -> u64 {
     (first as u64) << 15 | second as u64
 }
 
-/// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept; none where
-/// the camera has not moved.
+/// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
 pub(super) fn relative_pose(
     [a, b]: [&FeatureImage; 2],
     places: [usize; 2],
     found: &[[usize; 2]],
     seed: u64,
 ) -> Pair {
-    if let Some(agreeing) = unmoved(a, b, found) {
-        let motion = Motion { pose: Pose::identity(), log_scales: [0.0; 2], log_focal: 0.0, cost: 0.0 };
-        let [first, second] = places;
-        let (matches, motion) = (found.len(), Some(motion));
-        return Pair { first, second, matches, agreeing, matrix: None, motion };
-    }
     let mut pair = verified_matches([a, b], places, found, seed);
-    if pair.agreeing.len() < MIN_MATCHES {
+    if pair.motion.is_some() || pair.agreeing.len() < MIN_MATCHES {
         return pair;
     }
     let pixels = pixels([a, b], &pair.agreeing);
@@ -113,7 +111,7 @@ pub(super) fn relative_pose(
 }
 
 /// The matches that have not moved, where these are three quarters: the fundamental matrix is degenerate.
-fn unmoved(a: &FeatureImage, b: &FeatureImage, found: &[[usize; 2]]) -> Option<Vec<[usize; 2]>> {
+fn unmoved([a, b]: [&FeatureImage; 2], found: &[[usize; 2]]) -> Option<Vec<[usize; 2]>> {
     let size = |image: &FeatureImage| image.prior.as_ref().map(|prior| prior.dim());
     let limit = EPIPOLAR_PIXELS * a.lens.noise;
     let kept: Vec<_> =
