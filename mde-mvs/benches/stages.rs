@@ -6,6 +6,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use mde_mvs::consensus::{agreement, reconstruct};
 use mde_mvs::ndarray::{Array2, Array3};
+use mde_mvs::patches::refine_by_patches;
 use mde_mvs::sweep::{Surfaces, sweep};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use std::hint::black_box;
@@ -52,6 +53,11 @@ fn stages(c: &mut Criterion) {
     let maps = vec![&found.depth; views.len()];
     group.bench_function("agreement of one", |b| {
         b.iter(|| black_box(agreement(&views, &maps, 0, &all).unwrap()))
+    });
+    let near: Vec<Array2<f32>> = depths.iter().map(|d| d.mapv(|z| 1.005 * z)).collect();
+    let near: Vec<_> = near.iter().map(|d| d.view()).collect();
+    group.bench_function("patches of one", |b| {
+        b.iter(|| black_box(refine_by_patches(&views, &near).unwrap()))
     });
     let priors: Vec<_> = priors.iter().map(|p| p.view()).collect();
     group.bench_function("reconstruct", |b| {

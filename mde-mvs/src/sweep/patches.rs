@@ -176,36 +176,51 @@ impl<'a> Source<'a> {
 
     /// \\( 1 - \mathrm{ZNCC} \\), 0 to 1, of a patch and what lies at `pixel` and, by `affine`, about it.
     fn unlikeness(&self, pixel: [f32; 2], affine: [[f32; 2]; 2], patch: &Patch) -> f32 {
-        let width = self.view.camera.width;
-        let [most_x, most_y] = [width - 1, self.view.camera.height - 1].map(|n| n as f32);
+        let width = self.view.camera.width as u32;
+        let [most_x, most_y] = [self.view.camera.width - 1, self.view.camera.height - 1].map(|n| n as f32);
         let (mut index, mut fx, mut fy) = ([0_u32; SAMPLES], [0.0_f32; SAMPLES], [0.0_f32; SAMPLES]);
         for i in 0..SAMPLES {
             let (dx, dy) = (patch.x[i], patch.y[i]);
-            let x = (pixel[0] + affine[0][0] * dx + affine[0][1] * dy).clamp(0.0, most_x);
-            let y = (pixel[1] + affine[1][0] * dx + affine[1][1] * dy).clamp(0.0, most_y);
-            let (column, row) = (x as u32, y as u32);
-            (fx[i], fy[i]) = (x - column as f32, y - row as f32);
-            index[i] = row * width as u32 + column;
+            // In this order what is no number is within, too.
+            let (column, rest_x) =
+                split((pixel[0] + affine[0][0] * dx + affine[0][1] * dy).max(0.5).min(most_x));
+            let (row, rest_y) =
+                split((pixel[1] + affine[1][0] * dx + affine[1][1] * dy).max(0.5).min(most_y));
+            index[i] = row * width + column;
+            (fx[i], fy[i]) = (rest_x, rest_y);
+        }
+        let mut there = [0.0_f32; SAMPLES];
+        for i in 0..SAMPLES {
+            let [a, b, c, d] = self.bilinear[index[i] as usize];
+            there[i] = a + fx[i] * b + fy[i] * (c + fx[i] * d);
         }
         // Weighted values, squares and products, summed in lanes, so that they need not wait for each other.
-        let mut sums = [[0.0_f32; 3]; LANES];
+        let mut sums = [[0.0_f32; LANES]; 3];
         for first in (0..SAMPLES).step_by(LANES) {
-            for (lane, sums) in sums.iter_mut().enumerate() {
-                let i = first + lane;
-                let [a, b, c, d] = self.bilinear[index[i] as usize];
-                let there = a + fx[i] * b + fy[i] * (c + fx[i] * d);
-                let weighted = patch.weight[i] * there;
-                sums[0] += weighted;
-                sums[1] += weighted * there;
-                sums[2] += weighted * patch.luma[i];
+            let of = |values: &[f32; SAMPLES]| -> [f32; LANES] {
+                std::array::from_fn(|lane| values[first + lane])
+            };
+            let (weight, there, here) = (of(&patch.weight), of(&there), of(&patch.luma));
+            let weighted: [f32; LANES] = std::array::from_fn(|lane| weight[lane] * there[lane]);
+            for lane in 0..LANES {
+                sums[0][lane] += weighted[lane];
+                sums[1][lane] += weighted[lane] * there[lane];
+                sums[2][lane] += weighted[lane] * here[lane];
             }
         }
-        let [mean, square, product] =
-            [0, 1, 2].map(|k| sums.iter().map(|lane| lane[k]).sum::<f32>() / patch.all);
+        let [mean, square, product] = sums.map(|lanes| lanes.iter().sum::<f32>() / patch.all);
         let variance = (square - mean * mean).max(0.0);
         let spread = (patch.variance + NOISE * NOISE) * (variance + NOISE * NOISE);
         (1.0 - (product - mean * patch.mean) / spread.sqrt()).clamp(0.0, 1.0)
     }
+}
+
+/// The whole part of a coordinate from .5 to 4 million and the rest, 0 to 1; a cast to an integer, which saturates, is not vectorised.
+fn split(coordinate: f32) -> (u32, f32) {
+    const WHOLE: f32 = (1 << 23) as f32;
+    // Numbers of that size have no fraction: this rounds.
+    let shifted = (coordinate - 0.5) + WHOLE;
+    (shifted.to_bits() - WHOLE.to_bits(), coordinate - (shifted - WHOLE))
 }
 
 /// The reference with what its planes are judged by.
@@ -473,6 +488,17 @@ mod tests {
         assert!(error(&found, &truth[0]) < 5e-4, "{}", error(&found, &truth[0]));
         let most = found.iter().zip(&truth[0]).filter(|(_, t)| **t > 0.0);
         assert!(most.map(|(z, t)| (z / t - 1.0).abs()).fold(0.0, f32::max) < RANGE + 0.002);
+    }
+
+    #[test]
+    fn a_coordinate_is_its_whole_part_and_the_rest() {
+        for coordinate in [0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 318.999, 4000.0, 4_000_000.25] {
+            let (whole, rest) = split(coordinate);
+            assert!(
+                (0.0..=1.0).contains(&rest) && whole as f32 + rest == coordinate,
+                "{coordinate}: {whole} {rest}"
+            );
+        }
     }
 
     /// Without colours to compare there is nothing to move for.
