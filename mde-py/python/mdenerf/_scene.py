@@ -92,7 +92,7 @@ class Scene(Sequence[Result]):
         folder : path
             The new folder.
         export : sequence of str
-            Also write files for other programs into the folder of each photograph, as in :meth:`Result.save`; ``colmap-dense`` is of all.
+            Also write files for other programs into the folder of each photograph, as in :meth:`Result.save`; ``colmap-dense`` and ``mesh`` are of all.
         force : bool
             Replace the folder of an earlier run.
         report : bool
@@ -109,7 +109,7 @@ class Scene(Sequence[Result]):
             Where the folder exists, or can't be written.
         """
         formats = [export] if isinstance(export, str) else list(export)
-        of_each = [name for name in formats if name != "colmap-dense"]
+        of_each = [name for name in formats if name not in ("colmap-dense", "mesh")]
         names = [row["folder"] for row in self.run["photographs"] if row["folder"]]
 
         def write(made: Path) -> None:

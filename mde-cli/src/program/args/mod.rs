@@ -223,7 +223,7 @@ Examples:
   mde dense photos/transforms.json --prior-model fastdepth_224.onnx --unit prior -o out/room
 
 Output: a folder for each photograph, as mde refine writes it, with finished.json; cloud.ply of the points that two photographs confirm,
-transforms.json, index.html, run.json; with --export colmap-dense colmap/. The same command continues, and refines only what is new or changed. Without a network the depth
+transforms.json, index.html, run.json; with --export colmap-dense colmap/, with mesh mesh.ply and mesh.glb. The same command continues, and refines only what is new or changed. Without a network the depth
 comes from parallax alone, in the unit of the poses; photographs without poses get a unit of their own."
 )]
 pub(crate) struct DenseArgs {

@@ -87,7 +87,8 @@ impl Method {
             (text.to_owned(), Preset::MultiView, config)
         } else {
             baseline::named(text).with_context(|| {
-                format!("--methods {text}: neither a preset (paper, default, fast, multi-view) nor consensus, field, a .toml file or a baseline")
+                let presets = Preset::ALL.map(Preset::name).join(", ");
+                format!("--methods {text}: neither a preset ({presets}) nor consensus, field, a .toml file or a baseline")
             })?;
             let (name, label) = (text.to_owned(), text.to_owned());
             return Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline });
