@@ -81,8 +81,8 @@ pub(super) fn combine(
         let z = match (field, stated) {
             (Some((z, _)), Some((known, _))) => {
                 let of_field = (ray + CONSENSUS * (fused + edge) + common(z)).recip();
-                // Beside an edge the consensus is the fatter of the two.
-                let of_consensus = (fused + 4.0 * edge + common(known)).recip();
+                // Beside an edge the consensus is the fatter of the two: the whole range counts as its deviation.
+                let of_consensus = (fused + range[at].powi(2) + common(known)).recip();
                 ((of_field * z.ln() + of_consensus * known.ln()) / (of_field + of_consensus)).exp()
             }
             (Some((z, _)), None) | (None, Some((z, _))) => z,

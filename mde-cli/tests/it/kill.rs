@@ -68,7 +68,9 @@ fn an_interrupted_run_leaves_no_unfinished_files() {
         send(&child, signal);
         assert_eq!(child.wait().unwrap().code(), Some(130));
         assert!(begin.elapsed() < Duration::from_secs(60), "{run}: {:?}", begin.elapsed());
-        assert!(lines.any(|line| line.contains("interrupted")) && place.entries() == before, "{run}");
+        assert_eq!(place.entries(), before, "{run}");
+        // A prediction ends with the program, which then has nothing to say.
+        assert!(stage == "\"prior\"" || lines.any(|line| line.contains("interrupted")), "{run}");
     }
 }
 
