@@ -31,7 +31,7 @@ fn sure(view: &DepthView<'_>, at: (usize, usize)) -> Option<[f32; 2]> {
 pub struct Vertex {
     /// In the world of the poses.
     pub position: [f32; 3],
-    /// Unit normal, towards the photographs.
+    /// Unit normal, the mean of its triangles', towards the photographs.
     pub normal: [f32; 3],
     /// sRGB, 0 to 1.
     pub colour: [f32; 3],
@@ -187,10 +187,9 @@ impl Grid {
                 *places[corner as usize].get_or_insert_with(|| {
                     let at = nets.positions[corner as usize];
                     let voxel = voxels[index(at.map(|x| x.round() as u32))];
-                    let normal = Vector3::from(nets.normals[corner as usize]);
                     surface.vertices.push(Vertex {
                         position: self.centre(at.map(f64::from)).coords.map(|x| x as f32).into(),
-                        normal: normal.try_normalize(0.0).unwrap_or_default().into(),
+                        normal: [0.0; 3],
                         colour: voxel.colour.map(|sum| sum / voxel.near),
                         sigma: (f32::from(voxel.shown) / voxel.near).sqrt(),
                     });
@@ -199,6 +198,16 @@ impl Grid {
             };
             let [a, b, c] = [0, 1, 2].map(|i| &triangle[i]).map(corner);
             surface.triangles.push([a, b, c]);
+        }
+        // The gradient of the distances is not known at the rim.
+        let mut normals = vec![Vector3::<f32>::zeros(); surface.vertices.len()];
+        for corners in surface.triangles.iter().map(|triangle| triangle.map(|corner| corner as usize)) {
+            let [a, b, c] = corners.map(|corner| Vector3::from(surface.vertices[corner].position));
+            let across = (b - a).cross(&(c - a));
+            corners.iter().for_each(|&corner| normals[corner] += across);
+        }
+        for (vertex, normal) in surface.vertices.iter_mut().zip(normals) {
+            vertex.normal = normal.try_normalize(0.0).unwrap_or_default().into();
         }
         surface
     }
