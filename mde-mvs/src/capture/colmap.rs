@@ -51,7 +51,7 @@ pub struct SparseDepths {
 /// Points behind the camera or beyond its image are left out. No photograph is read.
 ///
 /// # Errors
-/// As [`read_colmap`], and [`Error::Content`] where the model has no such photograph, or several.
+/// As [`read_colmap`], and [`Error::Content`](super::Error::Content) where the model has no such photograph, or several.
 pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths> {
     let (path, raw) = Raw::read(model)?;
     let mut found: Vec<&Image> = raw.images.iter().filter(|image| image.name == photograph).collect();

@@ -59,7 +59,7 @@ impl CaptureFiles {
     /// halves, as nerfstudio and instant-ngp have them, unless its `pixel_centres` is `integers`.
     ///
     /// # Errors
-    /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`] where the lens is missing.
+    /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`](super::Error::Content) where the lens is missing.
     pub fn read(
         &self,
         lens: Option<&Lens>,
@@ -80,7 +80,7 @@ impl PosedCapture {
     /// Index of the frame of a photograph.
     ///
     /// # Errors
-    /// [`Error::Content`] where the capture does not have it, or it can't be read.
+    /// [`Error::Content`](super::Error::Content) where the capture does not have it, or it can't be read.
     pub fn position(&self, photograph: &Path) -> Result<usize> {
         if let Some(found) = self.unreadable.iter().find(|unreadable| same_file(unreadable, photograph)) {
             return Err(missing(photograph, found));
