@@ -58,7 +58,7 @@ impl OpenPrior<'_> {
         runtime: &mde_prior::Runtime,
     ) -> Result<Self> {
         use mde_prior::{ModelSpec, OnnxPrior, RecognisedBy};
-        let mut tells = false;
+        let mut certain = false;
         let spec = match profile {
             Some(file) if file.ends_with(".toml") => {
                 let text = open::read_text(file, FileKind::Settings).map_err(Error::read(file.as_ref()))?;
@@ -79,24 +79,20 @@ impl OpenPrior<'_> {
                 }
                 recognised => {
                     let (spec, by) = recognised?;
-                    tells = matches!(by, RecognisedBy::Hub | RecognisedBy::Graph);
+                    certain = matches!(by, RecognisedBy::Hub | RecognisedBy::Graph);
                     spec
                 }
             },
         };
-        let told = tells.then_some(spec.output);
+        let recognised = certain.then_some(spec.output);
         let spec = match kind {
             Some(kind) => spec.with_output(kind),
             None => spec,
         };
         let prior = OnnxPrior::open_with(path, &spec, runtime)?;
-        let mut hasher = crc32fast::Hasher::new();
-        for path in prior.files() {
-            hasher.update(&open::read(path, FileKind::Weights).map_err(Error::read(path))?);
-        }
         let origin = PriorOrigin {
-            kind_is_told: told == Some(spec.output),
-            model_hash: Some(format!("{:08x}", hasher.finalize())),
+            kind_is_told: recognised == Some(spec.output),
+            model_hash: Some(crate::prior::hash_files(prior.files())?),
             model: Some(spec),
             runtime: Some(prior.runtime().to_string()),
             ..PriorOrigin::new(PriorForm::Network, prior.kind(), path.display().to_string())

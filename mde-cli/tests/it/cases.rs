@@ -297,7 +297,7 @@ fn run(case: &Case, place: &Place, seconds: u64) -> Result<()> {
             ensure!(message.lines().count() == 1, "more than a line: {message}");
             ensure!(message.len() <= 700, "too long to read: {message}");
             ensure!(stdout.is_empty() || case.prints, "on stdout: {stdout}");
-            ensure!(!case.told.is_empty(), "says nothing that is checked");
+            ensure!(!case.told.is_empty(), "nothing of its message is checked");
         }
         // What did not fail is written.
         3 => {

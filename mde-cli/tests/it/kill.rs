@@ -69,7 +69,7 @@ fn an_interrupted_run_leaves_no_unfinished_files() {
         assert_eq!(child.wait().unwrap().code(), Some(130));
         assert!(begin.elapsed() < Duration::from_secs(60), "{run}: {:?}", begin.elapsed());
         assert_eq!(place.entries(), before, "{run}");
-        // A prediction ends with the program, which then has nothing to say.
+        // A prediction cannot be stopped: the program ends without a message.
         assert!(stage == "\"prior\"" || lines.any(|line| line.contains("interrupted")), "{run}");
     }
 }

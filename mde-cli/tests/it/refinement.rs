@@ -94,10 +94,12 @@ fn with_wall(
     (result, log, events)
 }
 
-/// Twice half-way: from the prior, and then from what the configuration says.
+/// Twice half-way: from the prior, and then from the prior or the first result, as configured.
 #[test]
 fn foreign_stages_are_called_in_order_and_their_word_is_final() {
-    for (rule, knows, share) in [(IterationPrior::Carry, true, 0.25), (IterationPrior::Anchor, false, 0.5)] {
+    for (rule, has_variance, share) in
+        [(IterationPrior::Carry, true, 0.25), (IterationPrior::Anchor, false, 0.5)]
+    {
         let mut config = foreign();
         config.refinement.prior = rule;
         let fuser = HalfWay::default();
@@ -112,7 +114,7 @@ fn foreign_stages_are_called_in_order_and_their_word_is_final() {
         let around = |i| [(Stage::Warp, i), (Stage::Fit, i), (Stage::Render, i), (Stage::Fuse, i)];
         assert_eq!(stages.collect::<Vec<_>>(), [&[(Stage::Prior, 0)], &around(0)[..], &around(1)].concat());
         let priors = fuser.0.borrow();
-        assert_eq!((priors[0].0, priors[1].0), (false, knows), "{rule:?}");
+        assert_eq!((priors[0].0, priors[1].0), (false, has_variance), "{rule:?}");
         assert_eq!(priors[0].1 == priors[1].1, rule == IterationPrior::Anchor, "{rule:?}");
         for (refined, prior) in refinement.depth.mean().iter().zip(&refinement.prior) {
             assert!((refined - (share * prior + (1.0 - share) * 3.0)).abs() < 1e-5, "{rule:?}");

@@ -37,8 +37,8 @@ fn confidence(depth: ArrayView2<'_, f32>) -> Array2<f32> {
     })
 }
 
-/// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes what the
-/// image says of its neighbours, 0 where nothing does.
+/// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes the
+/// target of neighbours of like colour, 0 where there is none.
 ///
 /// # Errors
 /// [`Error::Shape`] where the maps differ, [`Error::Value`] for a target (where its confidence is not 0) or

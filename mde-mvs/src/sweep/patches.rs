@@ -326,7 +326,7 @@ impl<'a> Reference<'a> {
         Plane { w, slope: slope.map(|s| w * s) }
     }
 
-    /// What the neighbours' planes say of the pixel's inverse depth, with the likeness of their colours.
+    /// The pixel's inverse depth on the planes of its neighbours, with the likeness of their colours.
     fn neighbours(&self, matches: &[Match], at: usize) -> [[f32; 2]; 8] {
         SMOOTH.map(|offset| {
             let Some(beside) = self.beside(at, offset) else { return [0.0; 2] };

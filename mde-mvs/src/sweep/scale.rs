@@ -287,7 +287,7 @@ mod tests {
         }
     }
 
-    /// The contrast of a scale is 1, however many matches say otherwise and whatever they weigh.
+    /// The contrast of a scale is 1, however many matches would fit another, and whatever they weigh.
     #[test]
     fn a_common_factor_of_the_weights_does_not_change_the_scale() {
         let plain = matches(0.3, 1.1, 1, 5);

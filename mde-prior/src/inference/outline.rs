@@ -8,7 +8,7 @@ use tract_onnx::pb::tensor_shape_proto::dimension::Value;
 use tract_onnx::pb::type_proto::Value as Type;
 use tract_onnx::pb::{NodeProto, ValueInfoProto};
 
-/// The layers that tell FastDepth (Wofk et al., 2019): MobileNet's depthwise convolutions of 3 x 3, and those of 5 x 5 of its decoder.
+/// The layers by which FastDepth (Wofk et al., 2019) is recognised: MobileNet's depthwise convolutions of 3 x 3, and those of 5 x 5 of its decoder.
 const FASTDEPTH: (usize, usize) = (13, 5);
 /// Its input.
 const FASTDEPTH_INPUT: [i64; 4] = [1, 3, 224, 224];

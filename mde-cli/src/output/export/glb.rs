@@ -11,8 +11,6 @@ use serde_json::{Value, json};
 const VERTICES: usize = 1_000_000;
 /// Triangles are torn where the disparities of their corners differ by more than this share, as the warp's.
 const TEAR: f64 = 0.05;
-/// Bytes of position, texture coordinate and sigma.
-const STRIDE: usize = 24;
 
 const MAGIC: &[u8; 4] = b"glTF";
 const FLOAT: u32 = 5126;
@@ -28,107 +26,91 @@ struct Mesh {
 }
 
 pub(crate) fn encode(view: &DepthView<'_>, unit: &str) -> Result<Vec<u8>> {
-    file(view, unit, &mesh(view, TEAR))
+    textured(view, unit, &mesh(view, TEAR))
 }
 
-fn file(view: &DepthView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
+fn textured(view: &DepthView<'_>, unit: &str, mesh: &Mesh) -> Result<Vec<u8>> {
+    let attributes = [("POSITION", "VEC3", 0), ("TEXCOORD_0", "VEC2", 3), ("_SIGMA", "SCALAR", 5)];
+    let photograph = encode_rgb_png(view.image.mapv(byte).view())?;
+    Ok(file(unit, &mesh.vertices, &mesh.triangles, &attributes, Some(photograph)))
+}
+
+/// The surface of a capture, with the colours of its vertices.
+pub(crate) fn encode_surface(surface: &Surface, unit: &str) -> Vec<u8> {
+    // glTF's colours of vertices are linear.
+    let linear = |c: f32| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+    let numbers = |vertex: &Vertex| {
+        let ([x, y, z], [u, v, w]) = (vertex.position, vertex.normal);
+        let [red, green, blue] = vertex.colour.map(linear);
+        [x, -y, -z, u, -v, -w, red, green, blue, vertex.sigma]
+    };
+    let vertices: Vec<[f32; 10]> = surface.vertices.iter().map(numbers).collect();
+    let attributes =
+        [("POSITION", "VEC3", 0), ("NORMAL", "VEC3", 3), ("COLOR_0", "VEC3", 6), ("_SIGMA", "SCALAR", 9)];
+    file(unit, &vertices, &surface.triangles, &attributes, None)
+}
+
+/// A mesh with these attributes, each by its type and its place among the numbers of a vertex, that of the position first, and the picture
+/// that is its texture.
+fn file<const NUMBERS: usize>(
+    unit: &str,
+    vertices: &[[f32; NUMBERS]],
+    triangles: &[[u32; 3]],
+    attributes: &[(&str, &str, usize)],
+    picture: Option<Vec<u8>>,
+) -> Vec<u8> {
     let asset = json!({ "version": "2.0", "generator": "mde", "extras": { "unit": unit } });
     if triangles.is_empty() {
         // An accessor holds at least one element: without a surface there is no mesh.
-        return Ok(container(&json!({ "asset": asset, "scene": 0, "scenes": [{}] }), &[]));
+        return container(&json!({ "asset": asset, "scene": 0, "scenes": [{}] }), &[]);
     }
     let mut data: Vec<u8> = vertices.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
     let indices = data.len();
     data.extend(triangles.iter().flatten().flat_map(|index| index.to_le_bytes()));
     let image = data.len();
-    data.extend(encode_rgb_png(view.image.mapv(byte).view())?);
-    let picture = data.len() - image;
-    data.resize(data.len().next_multiple_of(4), 0);
-    let range = |wanted: fn(f32, f32) -> f32, start: f32| -> Vec<f32> {
-        let of = |axis: usize| vertices.iter().map(|vertex| vertex[axis]).fold(start, wanted);
-        vec![of(0), of(1), of(2)]
+    let mut views = vec![
+        json!({ "buffer": 0, "byteOffset": 0, "byteLength": indices, "byteStride": 4 * NUMBERS, "target": ARRAY_BUFFER }),
+        json!({ "buffer": 0, "byteOffset": indices, "byteLength": image - indices, "target": ELEMENT_ARRAY_BUFFER }),
+    ];
+    let range = |wanted: fn(f32, f32) -> f32, start: f32| {
+        [0, 1, 2].map(|axis| vertices.iter().map(|vertex| vertex[axis]).fold(start, wanted))
     };
-    let root = json!({
+    let accessor = |(_, kind, place): &(&str, &str, usize)| json!({ "bufferView": 0, "byteOffset": 4 * place, "componentType": FLOAT, "count": vertices.len(), "type": kind });
+    let mut accessors: Vec<Value> = attributes.iter().map(accessor).collect();
+    accessors[0]["min"] = json!(range(f32::min, f32::INFINITY));
+    accessors[0]["max"] = json!(range(f32::max, f32::NEG_INFINITY));
+    accessors.push(
+        json!({ "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(), "type": "SCALAR" }),
+    );
+    let places: serde_json::Map<String, Value> =
+        attributes.iter().enumerate().map(|(place, (name, ..))| ((*name).to_owned(), json!(place))).collect();
+    let mut root = json!({
         "asset": asset,
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "name": "depth", "mesh": 0 }],
-        "buffers": [{ "byteLength": data.len() }],
-        "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": indices, "byteStride": STRIDE, "target": ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": indices, "byteLength": image - indices, "target": ELEMENT_ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": image, "byteLength": picture },
-        ],
-        "images": [{ "bufferView": 2, "mimeType": "image/png" }],
-        "samplers": [{ "magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071 }],
-        "textures": [{ "source": 0, "sampler": 0 }],
         "materials": [{
-            "name": "photograph",
             "doubleSided": true,
-            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicFactor": 0.0, "roughnessFactor": 1.0 },
+            "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 },
             "extensions": { "KHR_materials_unlit": {} },
         }],
-        "accessors": [
-            { "bufferView": 0, "byteOffset": 0, "componentType": FLOAT, "count": vertices.len(), "type": "VEC3",
-              "min": range(f32::min, f32::INFINITY), "max": range(f32::max, f32::NEG_INFINITY) },
-            { "bufferView": 0, "byteOffset": 12, "componentType": FLOAT, "count": vertices.len(), "type": "VEC2" },
-            { "bufferView": 0, "byteOffset": 20, "componentType": FLOAT, "count": vertices.len(), "type": "SCALAR" },
-            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(), "type": "SCALAR" },
-        ],
+        "accessors": accessors,
         "meshes": [{ "name": "depth", "primitives": [{
-            "attributes": { "POSITION": 0, "TEXCOORD_0": 1, "_SIGMA": 2 }, "indices": 3, "material": 0,
+            "attributes": places, "indices": attributes.len(), "material": 0,
         }] }],
     });
-    Ok(container(&root, &data))
-}
-
-/// The surface of a capture, with the colours of its vertices.
-pub(crate) fn encode_surface(Surface { vertices, triangles }: &Surface, unit: &str) -> Vec<u8> {
-    let asset = json!({ "version": "2.0", "generator": "mde", "extras": { "unit": unit } });
-    if triangles.is_empty() {
-        return container(&json!({ "asset": asset, "scene": 0, "scenes": [{}] }), &[]);
+    if let Some(picture) = picture {
+        views.push(json!({ "buffer": 0, "byteOffset": image, "byteLength": picture.len() }));
+        data.extend(picture);
+        data.resize(data.len().next_multiple_of(4), 0);
+        root["images"] = json!([{ "bufferView": 2, "mimeType": "image/png" }]);
+        root["samplers"] = json!([{ "magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071 }]);
+        root["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+        root["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
     }
-    // glTF's colours of vertices are linear.
-    let linear = |c: f32| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
-    let numbers = |vertex: &Vertex| -> Vec<f32> {
-        let ([x, y, z], [u, v, w]) = (vertex.position, vertex.normal);
-        let place = [x, -y, -z, u, -v, -w];
-        place.into_iter().chain(vertex.colour.map(linear)).chain([vertex.sigma]).collect()
-    };
-    let mut data: Vec<u8> = vertices.iter().flat_map(numbers).flat_map(f32::to_le_bytes).collect();
-    let indices = data.len();
-    data.extend(triangles.iter().flatten().flat_map(|index| index.to_le_bytes()));
-    let stride = indices / vertices.len();
-    let ends = |wanted: fn(f32, f32) -> f32, start: f32| -> [f32; 3] {
-        let of =
-            |axis: usize, sign: f32| vertices.iter().map(|v| sign * v.position[axis]).fold(start, wanted);
-        [of(0, 1.0), of(1, -1.0), of(2, -1.0)]
-    };
-    let attribute = |offset: usize, kind: &str| json!({ "bufferView": 0, "byteOffset": offset, "componentType": FLOAT, "count": vertices.len(), "type": kind });
-    let mut position = attribute(0, "VEC3");
-    (position["min"], position["max"]) =
-        (json!(ends(f32::min, f32::INFINITY)), json!(ends(f32::max, f32::NEG_INFINITY)));
-    let root = json!({
-        "asset": asset,
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "name": "surface", "mesh": 0 }],
-        "buffers": [{ "byteLength": data.len() }],
-        "bufferViews": [
-            { "buffer": 0, "byteLength": indices, "byteStride": stride, "target": ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": indices, "byteLength": data.len() - indices, "target": ELEMENT_ARRAY_BUFFER },
-        ],
-        "materials": [{ "name": "colours", "doubleSided": true, "extensions": { "KHR_materials_unlit": {} } }],
-        "accessors": [
-            position, attribute(12, "VEC3"), attribute(24, "VEC3"), attribute(36, "SCALAR"),
-            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(), "type": "SCALAR" },
-        ],
-        "meshes": [{ "name": "surface", "primitives": [{
-            "attributes": { "POSITION": 0, "NORMAL": 1, "COLOR_0": 2, "_SIGMA": 3 }, "indices": 4, "material": 0,
-        }] }],
-    });
+    root["bufferViews"] = json!(views);
+    root["buffers"] = json!([{ "byteLength": data.len() }]);
     container(&root, &data)
 }
 
@@ -197,7 +179,7 @@ fn torn(depths: [f64; 3], share: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::export::tests::{SIZE, with_plane};
+    use crate::output::export::tests::{SIZE, triangle, with_plane};
 
     fn parts(bytes: &[u8]) -> (Value, &[u8]) {
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
@@ -211,7 +193,7 @@ mod tests {
     fn a_plane_with_a_hole_is_one_surface_without_the_triangles_at_the_hole() {
         with_plane(|scene| {
             // The plane is so slanted that the usual limit tears a column of it.
-            let bytes = file(scene, "m", &mesh(scene, 2.0 * TEAR)).unwrap();
+            let bytes = textured(scene, "m", &mesh(scene, 2.0 * TEAR)).unwrap();
             let (root, data) = parts(&bytes);
             let vertices = root["accessors"][0]["count"].as_u64().unwrap() as usize;
             let triangles = root["accessors"][3]["count"].as_u64().unwrap() as usize / 3;
@@ -221,7 +203,7 @@ mod tests {
             assert!(mesh(scene, TEAR).triangles.len() < triangles);
             let float = |at: usize| f32::from_le_bytes(data[at..at + 4].try_into().unwrap());
             for vertex in 0..vertices {
-                let at = vertex * STRIDE;
+                let at = vertex * 24;
                 let [x, z, sigma] = [float(at), float(at + 8), float(at + 20)];
                 assert!(
                     (-z - 2.0 - 0.5 * x).abs() < 1e-5 && (sigma + 0.1 * z).abs() < 1e-5,
@@ -232,7 +214,7 @@ mod tests {
             for triangle in 0..triangles {
                 let corner = |k: usize| {
                     let at = indices + 12 * triangle + 4 * k;
-                    let at = u32::from_le_bytes(data[at..at + 4].try_into().unwrap()) as usize * STRIDE;
+                    let at = u32::from_le_bytes(data[at..at + 4].try_into().unwrap()) as usize * 24;
                     nalgebra::Vector3::new(float(at), float(at + 4), float(at + 8))
                 };
                 let [a, b, c] = [0, 1, 2].map(corner);
@@ -244,14 +226,7 @@ mod tests {
 
     #[test]
     fn a_surface_stands_upright_with_linear_colours() {
-        let vertex = |x: f32| Vertex {
-            position: [x, 1.0, 2.0],
-            normal: [0.0, 0.0, -1.0],
-            colour: [1.0, 0.5, 0.0],
-            sigma: 0.1,
-        };
-        let surface = Surface { vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(), triangles: vec![[0, 2, 1]] };
-        let bytes = encode_surface(&surface, "m");
+        let bytes = encode_surface(&triangle(), "m");
         let (root, data) = parts(&bytes);
         let float = |at: usize| f32::from_le_bytes(data[at..at + 4].try_into().unwrap());
         let second: Vec<f32> = (0..10).map(|i| float(40 + 4 * i)).collect();

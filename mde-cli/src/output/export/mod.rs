@@ -103,10 +103,22 @@ pub(super) fn subfolder(folder: &Path, name: &str) -> Result<PathBuf> {
 #[cfg(test)]
 pub(crate) mod tests {
     use mde_mvs::cloud::DepthView;
+    use mde_mvs::surface::{Surface, Vertex};
     use mde_warp::{PinholeCamera, Pose};
     use ndarray::{Array2, Array3};
 
     pub(crate) const SIZE: (usize, usize) = (6, 8);
+
+    /// A surface of one triangle, orange.
+    pub(crate) fn triangle() -> Surface {
+        let vertex = |x: f32| Vertex {
+            position: [x, 1.0, 2.0],
+            normal: [0.0, 0.0, -1.0],
+            colour: [1.0, 0.5, 0.0],
+            sigma: 0.1,
+        };
+        Surface { vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(), triangles: vec![[0, 2, 1]] }
+    }
 
     pub(crate) fn with_plane(test: impl FnOnce(&DepthView<'_>)) {
         let camera = PinholeCamera::new(10.0, 12.0, 3.5, 2.5, SIZE.1, SIZE.0).unwrap();

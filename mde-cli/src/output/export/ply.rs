@@ -74,19 +74,11 @@ impl Cloud<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::export::tests::{SIZE, with_plane};
-    use mde_mvs::surface::Vertex;
+    use crate::output::export::tests::{SIZE, triangle, with_plane};
 
     #[test]
     fn a_surface_has_its_vertices_and_triangles() {
-        let vertex = |x: f32| Vertex {
-            position: [x, 1.0, 2.0],
-            normal: [0.0, 0.0, -1.0],
-            colour: [1.0, 0.5, 0.0],
-            sigma: 0.1,
-        };
-        let surface = Surface { vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(), triangles: vec![[0, 2, 1]] };
-        let bytes = encode_surface(&surface, "world", "m");
+        let bytes = encode_surface(&triangle(), "world", "m");
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains("element vertex 3\n") && text.contains("element face 1\n"), "{text}");
         assert_eq!(bytes[bytes.len() - 13..], [3, 0, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);

@@ -153,7 +153,7 @@ fn wrong_matches_move_little() {
     }
 }
 
-/// The covariance is that of repeated estimates under noise of the assumed size, which the residuals tell.
+/// The covariance is that of repeated estimates under noise of the assumed size, which the residuals measure.
 #[test]
 fn the_covariance_is_that_of_repeated_estimates() {
     let truth = scene(&motions(), 60, 9);
