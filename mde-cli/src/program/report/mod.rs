@@ -10,7 +10,7 @@ mod run;
 pub(crate) use evaluation::{FIGURES, PICTURE};
 pub(crate) use index::photographs_page;
 
-use crate::output::every::{CLOUD, PhotographRow};
+use crate::output::every::{CLOUD, MESHES, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::program::store::folder::RECORD;
 use anyhow::{Context, Result, bail, ensure};
@@ -26,14 +26,12 @@ pub(crate) const FILE: &str = "report.html";
 /// The page of all photographs of a capture.
 pub(crate) const INDEX: &str = "index.html";
 
-/// The page of all photographs of a capture.
-pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
-    photographs_page(
-        &rows.iter().collect::<Vec<_>>(),
-        rows.len(),
-        "preview.png",
-        &[CLOUD, TRANSFORMS, RECORD],
-    )
+/// The page of all photographs of a capture in its folder, before the record is written.
+pub(crate) fn every_page(folder: &Path, rows: &[PhotographRow]) -> String {
+    let files = [CLOUD, MESHES[0], MESHES[1], TRANSFORMS, RECORD];
+    let there = |file: &&str| *file == RECORD || folder.join(file).is_file();
+    let files: Vec<&str> = files.into_iter().filter(there).collect();
+    photographs_page(&rows.iter().collect::<Vec<_>>(), rows.len(), "preview.png", &files)
 }
 
 /// Writes the page of a run's or an evaluation's folder into it, atomically; of a whole capture also those of its photographs.
@@ -53,7 +51,7 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
                     write(&folder.join(name))?;
                 }
                 name = INDEX;
-                every_page(&rows)
+                every_page(folder, &rows)
             }
             None => run::page(folder)?,
         }
