@@ -1,4 +1,7 @@
 #![cfg_attr(any(feature = "io", not(doctest)), doc = include_str!("../README.md"))]
+//!
+//! [`DisparityRule`] turns disparity of unknown scale and shift into positive depth, \\( 1/z = A \hat d + B \\), never
+//! \\( 1/d \\); [`augment`] merges predictions of crops and mirror images into that of the whole image.
 
 mod at_once;
 pub mod augment;
