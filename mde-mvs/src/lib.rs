@@ -62,7 +62,7 @@ pub mod sweep;
 mod synthetic;
 
 pub use error::{Error, Result};
-pub use sweep::{consensus, exposure, patches, scale, views, withheld};
+pub use sweep::{consensus, exposure, patches, planes, scale, views, withheld};
 pub use {nalgebra, ndarray};
 
 use mde_warp::PinholeCamera;

@@ -252,7 +252,7 @@ impl<'s> PreparedScene<'s> {
             report.fusion = Some(fused.report);
             depth = fused.depth;
         } else {
-            depth = result::refined(depth, &mut components, &views, &reconstruction.views[1..], factor)?;
+            depth = result::refined(&depth, &mut components, &views, &reconstruction.views[1..], factor)?;
         }
         report.place(&views, &order, factor);
         let fused: Vec<&GaussianDepth> = reconstruction.views.iter().map(|known| &known.fused).collect();

@@ -5,6 +5,7 @@ use crate::reports::prediction::Component;
 use mde_fusion::{Fused, Fuser, Prior};
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
 use mde_mvs::patches::refine_by_patches;
+use mde_mvs::planes::with_planes;
 use mde_mvs::poses::depth_variance;
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
@@ -152,23 +153,28 @@ pub(super) fn printed(
     Ok(fuser.fuse(&Prior::new(prior.clone())?, &[seen])?)
 }
 
-/// The depth, and its components in proportion, refined by patches against the other photographs and their consensus.
+/// The depth with the planes of its surfaces, then refined by patches against the other photographs and their consensus; the components are
+/// in proportion to sigma.
 pub(super) fn refined(
-    depth: GaussianDepth,
+    depth: &GaussianDepth,
     components: &mut [Component],
     views: &[PosedView],
     others: &[ViewDepth],
     factor: f64,
 ) -> Result<GaussianDepth> {
     let factor = factor as f32;
-    let own = depth.mean().mapv(|z| z * factor);
+    let (mean, variance) = with_planes(&views[0], depth)?.into_parts();
+    let own = mean.mapv(|z| z * factor);
     let maps: Vec<_> =
         std::iter::once(own.view()).chain(others.iter().map(|other| other.fused.mean())).collect();
     let refined = refine_by_patches(views, &maps)?;
     let ratio = Zip::from(&refined).and(&own).map_collect(|z, was| if *was > 0.0 { z / was } else { 1.0 });
+    let refined = GaussianDepth::new(mean * &ratio, variance * &ratio * &ratio)?;
+    let ratio = Zip::from(refined.variance())
+        .and(depth.variance())
+        .map_collect(|v, was| if was.is_finite() { (v / was).sqrt() } else { 1.0 });
     components.iter_mut().for_each(|component| component.sigma *= &ratio);
-    let (mean, variance) = depth.into_parts();
-    Ok(GaussianDepth::new(mean * &ratio, variance * &ratio * &ratio)?)
+    Ok(refined)
 }
 
 /// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.

@@ -19,6 +19,7 @@ mod cost;
 mod edge;
 pub mod exposure;
 pub mod patches;
+pub mod planes;
 mod posterior;
 pub mod scale;
 pub mod views;
