@@ -30,7 +30,7 @@ const ROUNDS: usize = 2;
 /// Change of inverse depth at most, as a factor.
 const MOST: f64 = 3.0;
 /// Ridge of the slopes, as a share of the spread of the pixels.
-const RIDGE: f64 = 0.01;
+const RIDGE: f64 = 0.001;
 
 /// Weight, then its products: `x`, `y`, `xx`, `xy`, `yy`, `w`, `wx`, `wy`, `ww`, and the relative variance.
 type Moments = [f64; 11];

@@ -5,7 +5,6 @@
 
 mod agreement;
 mod chance;
-mod fill;
 mod fuse;
 mod inflation;
 mod sweeps;

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 use super::chance::{better, chances};
-use super::fill::fill;
 use super::fuse::fuse;
 use super::inflation::inflation;
 use super::{Reconstruction, ViewDepth, agreement, matches_of};
@@ -167,8 +166,7 @@ impl Sweeps {
             let seen =
                 Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
             let map = fuse(views[i], prior, sweep, &chance, NARROW)?;
-            let mut map = map.without_unseen(&seen, prior)?;
-            fill(views[i], &mut map, &agreement)?;
+            let map = map.without_unseen(&seen, prior)?;
             let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
             let verified = confirmed as f32 / agreement.agree.len() as f32;
             Ok((map, agreement, verified))
