@@ -1,11 +1,18 @@
 //! Scores of many scenes as tables: one row per scene and method, and a summary per method with intervals.
 
+mod aligned;
+mod comparison;
 mod document;
+mod read;
 mod summary;
+pub(crate) mod verdict;
 mod write;
 
+pub use comparison::{Compared, Comparison};
 pub use document::{Block, Document, Table};
+pub use read::{SceneScores, read_csv};
 pub use summary::{MethodSummary, Statistics, Summary};
+pub use verdict::{is_control, verdict};
 pub use write::{csv, document, inert, original_name};
 
 use crate::Result;

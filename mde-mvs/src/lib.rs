@@ -46,12 +46,15 @@
 //!
 //! # Features
 //! `capture`: readers of nerfstudio's `transforms.json`, COLMAP models and TUM trajectories, and writers of the first two, in `capture`.
-//! `serde`: settings and reports can be read and written. `surface`: one mesh of many depth maps, in `surface`.
+//! `serde`: settings and reports can be read and written. `surface`: one mesh of many depth maps, in `surface`, and files of points and
+//! meshes, in `export`.
 
 #[cfg(feature = "capture")]
 pub mod capture;
 pub mod cloud;
 mod error;
+#[cfg(feature = "surface")]
+pub mod export;
 pub mod poses;
 mod raster;
 mod statistics;

@@ -1,16 +1,18 @@
 //! The files of a result.
 
 use crate::error::{Error, Result};
-use crate::output::export::{self, Format, RefinedView, colmap, glb, ply, subfolder, transforms};
+use crate::output::export::{self, Format, RefinedView, colmap, subfolder, transforms};
 use crate::output::preview::preview;
 use crate::refiner::finish::PICTURES;
+use crate::scene::size::byte;
 use mde_mvs::cloud::DepthView;
+use mde_mvs::export::{glb, ply};
 use mde_prior::CertaintyMeaning;
 use mde_prior::format::{
     CONFIDENCE_FORMULA, DepthPng, confidence, write_confidence_png, write_depth_png, write_exr, write_npy,
     write_npz,
 };
-use mde_prior::photo::{write_image, write_rgb_png};
+use mde_prior::photo::{encode_rgb_png, write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose};
@@ -140,7 +142,10 @@ impl<'r> ResultFiles<'r> {
                 let text = "export: colmap-dense and mesh are of a whole capture; refine all of its photographs, or give colmap or glb";
                 return Err(Error::Argument(text.to_owned()));
             }
-            Format::Glb => write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, unit)?)?,
+            Format::Glb => {
+                let png = encode_rgb_png(view.image.mapv(byte).view())?;
+                write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, png, unit))?;
+            }
             Format::Transforms => {
                 let view = RefinedView { map: view, folder: "", png_scale: self.png.scale };
                 transforms::write(&folder.join(transforms::FILE), &[view])?;

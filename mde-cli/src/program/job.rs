@@ -4,7 +4,7 @@ use crate::output::export::Format;
 use crate::output::files::ResultFiles;
 use crate::output::preview::strip;
 use crate::output::record::RunRecord;
-use crate::program::open::truth::{Comparison, Truth};
+use crate::program::open::truth::Truth;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
@@ -14,6 +14,7 @@ use crate::refiner::{Plan, Prepared, Refined, Refiner};
 use crate::reports::Refinement;
 use crate::scene::Scene;
 use anyhow::{Context, Result};
+use mde_eval::table::Comparison;
 use mde_prior::DepthKind;
 use mde_prior::photo::write_image;
 use serde_json::json;
@@ -45,7 +46,7 @@ impl Job<'_> {
         let mut prepared = self.refiner.prepare(scene, plan, progress)?;
         let (refined, scores) =
             self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
-        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let table = scores.as_ref().map(|scores| scores.table().aligned() + "\n").unwrap_or_default();
         let value =
             json!({ "event": "done", "output": folder.path().display().to_string(), "scores": scores });
         let mut gained = summary::summary(&refined);

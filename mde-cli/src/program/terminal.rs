@@ -1,7 +1,7 @@
 //! Results on a terminal of any width.
 
 use anyhow::{Context, Result};
-use mde_eval::table::{Block, Document, Table};
+use mde_eval::table::{Block, Document};
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
@@ -27,31 +27,9 @@ pub(crate) fn shown(document: &Document, columns: usize) -> String {
         Block::Heading(level, text) => wrapped(&format!("{} {text}", "#".repeat(*level)), columns, 2),
         Block::Text(text) => wrapped(text, columns, 2),
         Block::List(lines) => wrapped(&format!("- {}", lines.join("\n- ")), columns, 2),
-        Block::Table(table) => aligned(table),
+        Block::Table(table) => table.aligned(),
     };
     document.blocks.iter().map(block).collect::<Vec<_>>().join("\n\n")
-}
-
-/// Columns as wide as their longest cell, two spaces apart; numbers are aligned right.
-pub(crate) fn aligned(table: &Table) -> String {
-    let plain = |cell: &String| match cell.strip_prefix("**") {
-        Some(strong) => strong.replacen("**", "", 1),
-        None => cell.clone(),
-    };
-    let rows = std::iter::once(&table.heads).chain(&table.rows);
-    let rows: Vec<Vec<String>> = rows.map(|row| row.iter().map(plain).collect()).collect();
-    let length = |cell: &String| cell.chars().count();
-    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(length).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..table.heads.len()).map(width).collect();
-    let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).enumerate();
-        let padded = cells.map(|(column, (cell, &width))| match column < table.words {
-            true => format!("{cell:width$}"),
-            false => format!("{cell:>width$}"),
-        });
-        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
-    };
-    rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// A text without control characters but for the ends of its lines: names of files may hold any.

@@ -3,9 +3,7 @@
 use crate::output::record::versions;
 use crate::program::error::partial;
 use crate::program::evaluation::runner::Failure;
-use crate::program::evaluation::scoring::SIGMA_BY;
 use crate::program::evaluation::store::Store;
-use crate::program::evaluation::verdict;
 use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
 use crate::program::report;
@@ -14,11 +12,14 @@ use crate::program::terminal::line_of;
 use anyhow::{Context, Result, bail};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
-use mde_eval::table::{Block, Document, Entry, Summary, calibrate, csv, document};
+use mde_eval::table::{Block, Document, Entry, Summary, calibrate, csv, document, is_control, verdict};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+/// The file of the tables.
+const TABLE: &str = "table.md";
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
 
@@ -47,14 +48,14 @@ pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -
 
 fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
     let Results { title, alignment, preface, reference, mut entries, failures, record } = results;
-    let failed = verdict::failures(&failures);
+    let failed = lines_of(&failures);
     let first = failed.first().cloned();
     if entries.is_empty() {
         bail!("no scene could be scored{}", first.map_or_else(String::new, |first| format!("; {first}")));
     }
     calibrate(&mut entries);
     let summary = Summary::new(&entries, reference.as_deref(), &Bootstrap::default())?;
-    let verdict = verdict::sentences(&summary);
+    let verdict = verdict(&summary, TABLE);
     let value = json!({ "verdict": verdict, "title": title, "alignment": alignment, "command_line": command_line(), "made_from": record,
         "versions": versions(), "failures": failures, "warnings": progress.own_warnings(), "summary": summary });
     let counted = counted(&summary);
@@ -66,7 +67,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     tables.extend(preface);
     tables.extend(document(&summary).blocks);
 
-    let table = folder.join("table.md");
+    let table = folder.join(TABLE);
     mde_prior::write_atomic(&table, Document { blocks: tables }.markdown().as_bytes())?;
     let mut scenes = Vec::new();
     csv(&entries, &mut scenes)?;
@@ -90,7 +91,7 @@ pub(crate) fn finish_part(
     root: &Path,
     progress: &mut Progress,
 ) -> Result<()> {
-    let failed = verdict::failures(failures);
+    let failed = lines_of(failures);
     let lines: String = failed.iter().map(|line| format!("{line}\n")).collect();
     let folder = root.display().to_string();
     let text = format!(
@@ -104,7 +105,7 @@ pub(crate) fn finish_part(
 /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones. Without a sigma no earlier figure stays.
 fn figures(entries: &[Entry], folder: &Path) -> Result<()> {
     let mut names = figure::methods(entries);
-    names.sort_by_key(|name| name.contains(SIGMA_BY));
+    names.sort_by_key(|name| is_control(name));
     names.truncate(LINES);
     let charts = [figure::error_by_percentile, figure::sparsification, figure::reliability];
     for ((name, _), chart) in FIGURES.iter().zip(charts) {
@@ -124,5 +125,35 @@ fn counted(summary: &Summary) -> String {
     match summary.places < summary.scenes {
         true => format!("{} of {}", counted(summary.scenes, "scene"), counted(summary.places, "place")),
         false => counted(summary.scenes, "scene"),
+    }
+}
+
+/// What failed, one line for each method and reason.
+fn lines_of(failures: &[Failure]) -> Vec<String> {
+    let mut groups: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
+    for failure in failures {
+        let method = failure.method.as_deref().unwrap_or("all methods");
+        groups.entry((method, &failure.error)).or_default().push(&failure.scene);
+    }
+    let line = |((method, error), scenes): ((&str, &str), Vec<&str>)| match scenes.as_slice() {
+        [scene] => format!("failed: {method} on {scene}: {error}"),
+        scenes => format!("failed: {method} on {} scenes: {error}", scenes.len()),
+    };
+    groups.into_iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_failures_take_one_line() {
+        let failure = |scene: &str, method: Option<&str>, error: &str| Failure {
+            scene: scene.to_owned(),
+            method: method.map(str::to_owned),
+            error: error.to_owned(),
+        };
+        let all = [failure("a", Some("zoom"), "x"), failure("b", Some("zoom"), "x"), failure("a", None, "y")];
+        assert_eq!(lines_of(&all), ["failed: all methods on a: y", "failed: zoom on 2 scenes: x"]);
     }
 }

@@ -5,10 +5,10 @@ use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail, ensure};
-use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample};
+use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors, Sample};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, FileKind, PriorDepth, open};
-use ndarray::{Array2, ArrayView3};
+use mde_prior::{DepthKind, DepthPrior, FileKind, open};
+use ndarray::Array2;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -185,7 +185,7 @@ impl Priors {
                 return Ok(own.insert(prior::map(&depth_file(path, &sample.id)?, args)?));
             }
             Form::Simulated => match &sample.prior {
-                Some(prior) => (Box::new(OfSample(sample)), prior.kind),
+                Some(prior) => (Box::new(OwnPriors(sample)), prior.kind),
                 None => {
                     let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
                     (Box::new(SimulatedPrior::new(&sample.depth, &faults)?), faults.kind)
@@ -198,23 +198,6 @@ impl Priors {
         };
         let origin = PriorOrigin::new(PriorForm::Simulated, kind, "simulated");
         Ok(own.insert(OpenPrior::given(prior, origin)))
-    }
-}
-
-/// The monocular depths that a data set brings for its photographs.
-struct OfSample<'s>(&'s Sample);
-
-impl DepthPrior for OfSample<'_> {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let Self(sample) = self;
-        let own = (image == sample.image).then_some(sample.prior.as_ref());
-        let known = || sample.views.iter().find(|one| one.view.image == image).map(|one| one.prior.as_ref());
-        let unknown = || mde_prior::Error::Input("no depth of this image; name a model".to_owned());
-        own.or_else(known).flatten().cloned().ok_or_else(unknown)
-    }
-
-    fn accepts_new_images(&self) -> bool {
-        !self.0.views.is_empty() && self.0.views.iter().all(|view| view.prior.is_some())
     }
 }
 
