@@ -2,6 +2,7 @@
 
 mod captures;
 mod files;
+mod fingerprint;
 mod kind;
 mod maps;
 mod nyu;

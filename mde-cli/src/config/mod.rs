@@ -283,16 +283,6 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn every_preset_is_valid_and_survives_toml() {
-        for preset in Preset::ALL {
-            let config = preset.config();
-            config.validate().unwrap();
-            assert_eq!(Config::with_overrides(preset, &config.to_toml().unwrap(), "test").unwrap(), config);
-        }
-        assert_eq!(Preset::Paper.config(), Config::default());
-    }
-
-    #[test]
     fn overrides_change_what_they_name_and_another_kind_starts_from_its_own_defaults() {
         let text = "seed = 9\n[nerf.train]\nsteps = 7\n[nerf.field]\nkind = \"hash\"\nlevels = 6\n";
         let config = Config::with_overrides(Preset::Paper, text, "test").unwrap();

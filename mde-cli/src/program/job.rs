@@ -46,7 +46,7 @@ impl Job<'_> {
         let mut prepared = self.refiner.prepare(scene, plan, progress)?;
         let (refined, scores) =
             self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
-        let table = scores.as_ref().map(|scores| scores.table().aligned() + "\n").unwrap_or_default();
+        let table = scores.as_ref().map(|scores| scores.table().text() + "\n").unwrap_or_default();
         let value =
             json!({ "event": "done", "output": folder.path().display().to_string(), "scores": scores });
         let mut gained = summary::summary(&refined);

@@ -5,12 +5,12 @@ use crate::program::args::RunArgs;
 use crate::program::error::flags;
 use crate::program::interrupt;
 use crate::program::open::settings::start_threads;
-use crate::program::terminal::{columns, one_line, shown, visible, wrapped};
+use crate::program::terminal::{columns, one_line, visible};
 use crate::refinement::event::{Event, Stage};
 use crate::refiner::Observer;
 use anyhow::Result;
 use console::{Term, style, truncate_str};
-use mde_eval::table::Document;
+use mde_eval::table::{Document, wrapped};
 use mde_nerf::FieldEvent;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
@@ -188,7 +188,12 @@ impl Progress {
             self.current = None;
             self.print_warnings();
             if !tables.blocks.is_empty() {
-                let _ = writeln!(io::stdout().lock(), "{}\n", visible(&shown(tables, columns())));
+                // A file gets Markdown.
+                let text = match columns() {
+                    usize::MAX => tables.markdown().trim_end().to_owned(),
+                    columns => tables.text(columns),
+                };
+                let _ = writeln!(io::stdout().lock(), "{}\n", visible(&text));
             }
         }
         self.result(text, value);

@@ -54,13 +54,12 @@ use crate::refiner::error_bar::ErrorBar;
 use crate::refiner::plan::inference::PhotographMemory;
 use crate::refiner::plan::limit::MemoryLimit;
 use crate::refiner::plan::scene_bytes;
-use crate::reports::iteration::WarpReport;
 use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use crate::several::prepared::PreparedScene;
 use mde_prior::{DepthPrior, ModelSpec};
-use mde_warp::{PinholeCamera, PosedView};
+use mde_warp::{PinholeCamera, PosedView, WarpReport};
 use ndarray::Array2;
 use std::ops::ControlFlow;
 

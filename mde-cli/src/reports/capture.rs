@@ -8,7 +8,7 @@ use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
-use mde_warp::{PinholeCamera, PosedView};
+use mde_warp::{PinholeCamera, PosedView, matrix_rows};
 use serde::Serialize;
 
 /// Verdicts on the photographs that are used.
@@ -171,9 +171,7 @@ impl CaptureReport {
         for (view, &index) in views.iter().zip(order) {
             let mut pose = view.pose;
             pose.translation.vector /= factor;
-            let matrix = pose.to_homogeneous();
-            let rows = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
-            self.photographs[index].pose = Some(rows);
+            self.photographs[index].pose = Some(matrix_rows(&pose));
             self.photographs[index].camera = Some(view.camera);
         }
     }

@@ -53,6 +53,18 @@ pub fn verdict(summary: &Summary, table: &str) -> Vec<String> {
     lines
 }
 
+impl Summary {
+    /// The numbers of scenes and places, in words.
+    pub fn counted(&self) -> String {
+        let counted =
+            |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+        match self.places < self.scenes {
+            true => format!("{} of {}", counted(self.scenes, "scene"), counted(self.places, "place")),
+            false => counted(self.scenes, "scene"),
+        }
+    }
+}
+
 fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String {
     let headline = method.metrics.get(HEADLINE).zip(own).map_or_else(String::new, |(s, own)| {
         let change = match s.ratio {

@@ -16,6 +16,7 @@ mod colmap;
 mod error;
 mod files;
 mod lens;
+mod paths;
 #[cfg(test)]
 mod tests;
 mod transforms;
@@ -35,6 +36,7 @@ pub use error::{Error, Result};
 use error::{content, fault, missing};
 pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
+pub use paths::relative_path;
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
 pub use tum::{read_tum, read_tum_list};
 pub use workspace::{COLMAP_FUSION, colmap_view, colmap_workspace};

@@ -46,12 +46,4 @@ mod tests {
         assert_eq!(counts.iter().sum::<usize>(), 1000);
         assert!(counts.iter().all(|count| (150..350).contains(count)), "{counts:?}");
     }
-
-    #[test]
-    fn a_shard_is_i_of_n() {
-        assert_eq!("2/8".parse(), Ok(Shard { index: 2, count: 8 }));
-        for wrong in ["0/8", "9/8", "2", "a/b", "1/0", "-1/3"] {
-            assert!(wrong.parse::<Shard>().unwrap_err().contains("2/8"), "{wrong}");
-        }
-    }
 }

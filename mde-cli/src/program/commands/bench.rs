@@ -154,7 +154,7 @@ fn lines(threads: usize, ceilings: &Ceilings, rows: &[Row], memory: Option<u64>)
     format!(
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {threads}; random lines of 8 MiB: \
          {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{}\n\npeak memory: {} MiB\n",
-        Table::new(2, heads, rows).aligned(),
+        Table::new(2, heads, rows).text(),
         number(memory)
     )
 }

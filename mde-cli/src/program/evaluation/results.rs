@@ -2,7 +2,6 @@
 
 use crate::output::record::versions;
 use crate::program::error::partial;
-use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::store::Store;
 use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
@@ -12,9 +11,10 @@ use crate::program::terminal::line_of;
 use anyhow::{Context, Result, bail};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
-use mde_eval::table::{Block, Document, Entry, Summary, calibrate, csv, document, is_control, verdict};
+use mde_eval::table::{
+    self, Block, Document, Entry, Failure, Summary, calibrate, csv, document, is_control, verdict,
+};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -48,7 +48,7 @@ pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -
 
 fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
     let Results { title, alignment, preface, reference, mut entries, failures, record } = results;
-    let failed = lines_of(&failures);
+    let failed = table::failed(&failures);
     let first = failed.first().cloned();
     if entries.is_empty() {
         bail!("no scene could be scored{}", first.map_or_else(String::new, |first| format!("; {first}")));
@@ -58,7 +58,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     let verdict = verdict(&summary, TABLE);
     let value = json!({ "verdict": verdict, "title": title, "alignment": alignment, "command_line": command_line(), "made_from": record,
         "versions": versions(), "failures": failures, "warnings": progress.own_warnings(), "summary": summary });
-    let counted = counted(&summary);
+    let counted = summary.counted();
     let mut tables = vec![Block::Heading(1, title), Block::Text(format!("{counted}. {alignment}"))];
     let lists = [verdict, failed];
     let brief =
@@ -91,7 +91,7 @@ pub(crate) fn finish_part(
     root: &Path,
     progress: &mut Progress,
 ) -> Result<()> {
-    let failed = lines_of(failures);
+    let failed = table::failed(failures);
     let lines: String = failed.iter().map(|line| format!("{line}\n")).collect();
     let folder = root.display().to_string();
     let text = format!(
@@ -117,43 +117,4 @@ fn figures(entries: &[Entry], folder: &Path) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// The numbers of scenes and places.
-fn counted(summary: &Summary) -> String {
-    let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
-    match summary.places < summary.scenes {
-        true => format!("{} of {}", counted(summary.scenes, "scene"), counted(summary.places, "place")),
-        false => counted(summary.scenes, "scene"),
-    }
-}
-
-/// What failed, one line for each method and reason.
-fn lines_of(failures: &[Failure]) -> Vec<String> {
-    let mut groups: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
-    for failure in failures {
-        let method = failure.method.as_deref().unwrap_or("all methods");
-        groups.entry((method, &failure.error)).or_default().push(&failure.scene);
-    }
-    let line = |((method, error), scenes): ((&str, &str), Vec<&str>)| match scenes.as_slice() {
-        [scene] => format!("failed: {method} on {scene}: {error}"),
-        scenes => format!("failed: {method} on {} scenes: {error}", scenes.len()),
-    };
-    groups.into_iter().map(line).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn equal_failures_take_one_line() {
-        let failure = |scene: &str, method: Option<&str>, error: &str| Failure {
-            scene: scene.to_owned(),
-            method: method.map(str::to_owned),
-            error: error.to_owned(),
-        };
-        let all = [failure("a", Some("zoom"), "x"), failure("b", Some("zoom"), "x"), failure("a", None, "y")];
-        assert_eq!(lines_of(&all), ["failed: all methods on a: y", "failed: zoom on 2 scenes: x"]);
-    }
 }

@@ -8,7 +8,6 @@ use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors, Sample};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
 use mde_prior::{DepthKind, DepthPrior, FileKind, open};
-use ndarray::Array2;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -208,31 +207,6 @@ pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     found.with_context(|| {
         format!("{}: no depth map {id}.npy (or .npz, .pfm, .png, .exr) for this scene", folder.display())
     })
-}
-
-/// Checksum of the image, its camera, its own prior, the further photographs with theirs and, where given, the prior.
-pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
-    let mut hasher = crc32fast::Hasher::new();
-    let views = || sample.views.iter().map(|captured| &captured.view);
-    for camera in views().map(|view| &view.camera).chain([&sample.camera]) {
-        for number in [camera.fx, camera.fy, camera.cx, camera.cy] {
-            hasher.update(&number.to_le_bytes());
-        }
-    }
-    for view in views() {
-        view.pose.to_homogeneous().iter().for_each(|number| hasher.update(&number.to_le_bytes()));
-        view.image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
-    }
-    for prior in sample.views.iter().map(|captured| &captured.prior).chain([&sample.prior]).flatten() {
-        hasher.update(prior.kind.to_string().as_bytes());
-        let known = prior.map.iter().zip(&prior.valid);
-        known.for_each(|(value, valid)| hasher.update(&if *valid { *value } else { 0.0 }.to_le_bytes()));
-    }
-    for value in sample.image.iter().chain(prior.into_iter().flatten()) {
-        hasher.update(&value.to_le_bytes());
-    }
-    hasher.update(format!("{:?}", sample.image.dim()).as_bytes());
-    hasher.finalize()
 }
 
 /// Indices of the scenes that `wanted` names, whole or by the last part (all if it is empty), at most `limit`.
