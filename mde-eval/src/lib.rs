@@ -27,7 +27,7 @@ pub mod statistics;
 pub mod table;
 
 #[cfg(feature = "baseline")]
-pub use controls::ScoredScene;
+pub use controls::{Controls, ScoredScene};
 pub use error::{Error, Result};
 #[cfg(feature = "scenes")]
 pub use mde_mvs;

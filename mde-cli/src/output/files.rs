@@ -40,6 +40,13 @@ pub struct ResultFiles<'r> {
     pub camera: PinholeCamera,
     /// Unit and scale of `depth.png`.
     pub png: DepthPng,
+    /// What only some results have.
+    pub beside: Beside<'r>,
+}
+
+/// What only some results have.
+#[derive(Default)]
+pub struct Beside<'r> {
     /// Further maps by the names of their files: `lower` and `upper`, `gt`.
     pub more: Vec<Named<'r>>,
     /// The components of sigma.
@@ -56,41 +63,15 @@ pub struct ResultFiles<'r> {
     pub truth: Option<ArrayView2<'r, f32>>,
 }
 
-impl<'r> ResultFiles<'r> {
-    /// Of one photograph, without what only some results have.
-    pub fn new(
-        depth: &'r GaussianDepth,
-        sigma: ArrayView2<'r, f32>,
-        prior: ArrayView2<'r, f32>,
-        image: ArrayView3<'r, f32>,
-        camera: PinholeCamera,
-        png: DepthPng,
-    ) -> Self {
-        Self {
-            depth,
-            sigma,
-            prior,
-            image,
-            camera,
-            png,
-            more: Vec::new(),
-            components: Vec::new(),
-            certainty: None,
-            evidence: Vec::new(),
-            pictures: Vec::new(),
-            strip: Vec::new(),
-            truth: None,
-        }
-    }
-
+impl ResultFiles<'_> {
     /// Writes what every folder of a result has, and the folder of the pictures.
     ///
     /// # Errors
     /// [`Error::Prior`] for a file or folder that can't be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let Self { depth, sigma, prior, image, .. } = *self;
+        let Self { depth, sigma, prior, image, ref beside, .. } = *self;
         let mut maps = vec![("depth", depth.mean()), ("sigma", sigma), ("prior", prior)];
-        maps.extend(&self.more);
+        maps.extend(&beside.more);
         let mut files: Vec<Box<dyn Fn() -> mde_prior::Result<()> + Sync + Send + '_>> = vec![
             Box::new(|| write_rgb_png(folder.join("preview.png"), preview(self).view())),
             Box::new(|| write_image(folder.join(export::IMAGE), image)),
@@ -111,14 +92,14 @@ impl<'r> ResultFiles<'r> {
         }
         // Side by side: of a photograph of 12 megapixels they take seconds.
         files.par_iter().try_for_each(|write| write())?;
-        if !self.pictures.is_empty() {
+        if !beside.pictures.is_empty() {
             subfolder(folder, PICTURES)?;
         }
-        for (name, picture) in &self.pictures {
+        for (name, picture) in &beside.pictures {
             write_rgb_png(folder.join(name), picture.view())?;
         }
-        if !self.evidence.is_empty() {
-            write_npz(folder.join(EVIDENCE), &self.evidence)?;
+        if !beside.evidence.is_empty() {
+            write_npz(folder.join(EVIDENCE), &beside.evidence)?;
         }
         Ok(())
     }
@@ -152,10 +133,10 @@ impl<'r> ResultFiles<'r> {
             }
             Format::Sigma => {
                 let parts = subfolder(folder, "sigma")?;
-                for (name, sigma) in &self.components {
+                for (name, sigma) in &self.beside.components {
                     write_npy(parts.join(format!("{name}.npy")), *sigma)?;
                 }
-                if let Some((meaning, map)) = self.certainty {
+                if let Some((meaning, map)) = self.beside.certainty {
                     write_npy(parts.join(format!("network-{}.npy", meaning.name())), map)?;
                 }
             }

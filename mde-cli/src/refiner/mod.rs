@@ -31,7 +31,6 @@ pub mod calibration;
 pub mod capture;
 pub mod error_bar;
 pub mod finish;
-mod order_check;
 pub mod plan;
 mod plausibility;
 pub mod same_scale;
@@ -210,7 +209,7 @@ impl<'p> Refiner<'p> {
         seen: &mut dyn Observer,
     ) -> Result<(PhotographPrior<'_>, KnownCamera)> {
         self.prior.note.iter().for_each(|note| seen.warn(note.clone()));
-        order_check::swapped(self.prior).into_iter().for_each(|warning| seen.warn(warning.to_owned()));
+        self.prior.swapped().into_iter().for_each(|warning| seen.warn(warning.to_owned()));
         let mut camera = photograph.camera.clone();
         // Further photographs give the focal length.
         if !several {

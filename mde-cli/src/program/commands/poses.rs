@@ -62,9 +62,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let focal = focal.unwrap_or_default();
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
-    let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
-        "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });
-    progress.tables(&Document { blocks: vec![Block::Table(table(report))] }, &text, value);
+    let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor,
+        "poses_seconds": report.seconds.poses });
+    progress.done(&Document { blocks: vec![Block::Table(table(report))] }, &text, target, value);
     Ok(())
 }
 

@@ -10,6 +10,7 @@ use crate::refinement::event::Event;
 use crate::refiner::Observer;
 use crate::refiner::plan::render_bytes;
 use anyhow::{Context, Result, ensure};
+use mde_eval::table::Document;
 use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
 use mde_prior::format::{DepthPng, write_depth_png, write_npy};
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -61,10 +62,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         write_record(path, about, json!({ "png_scale": png.scale, "views": records }))
     })?;
     let text = format!("{} views\nwrote {}", poses.len(), line_of(folder.path()));
-    progress.result(
-        &text,
-        json!({ "event": "done", "output": folder.path().display().to_string(), "views": poses.len() }),
-    );
+    progress.done(&Document::default(), &text, folder.path(), json!({ "views": poses.len() }));
     Ok(())
 }
 

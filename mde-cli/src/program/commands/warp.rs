@@ -11,6 +11,7 @@ use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use anyhow::Result;
+use mde_eval::table::Document;
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_warp::{PosedView, matrix_rows};
@@ -45,10 +46,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         100.0 * warp.mean_outside_fraction,
         line_of(folder.path())
     );
-    progress.result(
-        &text,
-        json!({ "event": "done", "output": folder.path().display().to_string(), "warp": warp }),
-    );
+    progress.done(&Document::default(), &text, folder.path(), json!({ "warp": warp }));
     Ok(())
 }
 

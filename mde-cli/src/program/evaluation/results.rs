@@ -77,7 +77,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     let report = report::write(folder)?;
     let text = format!("{counted}; report: {}; tables: {}", line_of(&report), line_of(&table));
     let value = json!({ "event": "result", "summary": value["summary"] });
-    progress.tables(&brief, &text, value);
+    progress.result(&brief, &text, value);
     partial(failures.len(), first, folder)
 }
 
@@ -97,8 +97,8 @@ pub(crate) fn finish_part(
     let text = format!(
         "{lines}{scenes} of {all} scenes\nwrote {folder}; the same command without --shard writes the tables"
     );
-    let value = json!({ "event": "done", "output": folder, "scenes": scenes, "failures": failures });
-    progress.result(&text, value);
+    let value = json!({ "scenes": scenes, "failures": failures });
+    progress.done(&Document::default(), &text, root, value);
     partial(failures.len(), failed.into_iter().next(), root)
 }
 

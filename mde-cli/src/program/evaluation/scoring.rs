@@ -8,7 +8,7 @@ use mde_eval::align::AlignmentRule;
 use mde_eval::data::Sample;
 use mde_eval::score::ScoreConfig;
 use mde_eval::table::Entry;
-use mde_eval::{ScoredScene, Task};
+use mde_eval::{Controls, ScoredScene, Task};
 use mde_prior::DisparityRule;
 use ndarray::ArrayView2;
 use serde::{Deserialize, Serialize};
@@ -93,27 +93,16 @@ impl Scoring {
                 entries.extend(scored.entries);
                 continue;
             }
-            let own = self.method(&scene, method, kept).with_context(|| method.name.clone())?;
+            let sigmas = self.controls && (method.name == PRIOR || kept.refined.sigma.is_some());
+            let controls = Controls { unsharp: self.controls && method.config().is_some(), sigmas };
+            let own = scene.entries(&method.label, &kept.refined, controls);
+            let mut own = own.with_context(|| method.name.clone())?;
+            own[0].set("seconds", kept.seconds);
+            own.iter_mut().for_each(|entry| entry.seed = method.seed);
             let scored = Scored { made_from, entries: own };
             store.keep_scores(id, &method.name, &scored)?;
             entries.extend(scored.entries);
         }
-        Ok(entries)
-    }
-
-    /// Scores a method and its controls.
-    fn method(&self, scene: &ScoredScene<'_>, method: &Method, kept: &Kept) -> Result<Vec<Entry>> {
-        let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
-        let mut own = scene.entry(&method.label, depth, sigma.map(|sigma| sigma.view()))?;
-        own.set("seconds", kept.seconds);
-        let mut entries = vec![own];
-        if self.controls && method.config().is_some() {
-            entries.push(scene.unsharp(&method.label, depth)?);
-        }
-        if self.controls && (method.name == PRIOR || sigma.is_some()) {
-            entries.extend(scene.trivial_sigmas(depth, &entries[0])?);
-        }
-        entries.iter_mut().for_each(|entry| entry.seed = method.seed);
         Ok(entries)
     }
 }
