@@ -12,6 +12,7 @@ mod plain;
 mod posed;
 mod resized;
 mod rooms;
+mod shard;
 mod sunrgbd;
 
 pub use captures::{CaptureGrid, Captures};
@@ -24,6 +25,7 @@ pub use plain::{PlainFolders, PlainScene};
 pub use posed::Posed;
 pub use resized::Resized;
 pub use rooms::Rooms;
+pub use shard::Shard;
 pub use sunrgbd::SunRgbd;
 
 use crate::capture::{Capture, CapturedView};

@@ -14,7 +14,7 @@
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
 //! | colour error of a withheld photograph | [`withheld::withheld_error`] |
 //! | poses from matches and priors, or refinement of given poses | [`poses::estimate_poses`], [`poses::refine_poses`] |
-//! | one scale for the priors of a burst or a video | [`poses::Prepared::log_ratio`], [`poses::common_scale`] |
+//! | one scale for the priors of a burst or a video | [`poses::ScaleMatches`], [`poses::common_scale`] |
 //!
 //! ```
 //! use mde_mvs::consensus::reconstruct;

@@ -1,7 +1,6 @@
 //! An evaluation: opens the inputs, runs the methods whose results are not stored yet, and scores them. A scene that fails does not stop
 //! the others.
 
-use crate::program::args::shard::Shard;
 use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::fields::FieldMemory;
 use crate::program::evaluation::method::{Method, MethodScene};
@@ -20,7 +19,7 @@ use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use anyhow::{Result, ensure};
-use mde_eval::data::Sample;
+use mde_eval::data::{Sample, Shard};
 use mde_eval::table::{Entry, Failure};
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;

@@ -1,10 +1,8 @@
-//! A part of many photographs or scenes, by their names alone.
-
 use std::str::FromStr;
 
-/// Part `index` of `count`, from 1.
+/// A part of many scenes or photographs, by their names alone: part `index` of `count`, from 1, which is written `2/8`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Shard {
+pub struct Shard {
     index: u32,
     count: u32,
 }
@@ -18,7 +16,7 @@ impl Shard {
     }
 
     /// Whether the item of this name belongs to it: the CRC-32 of the name modulo the number of shards.
-    pub(crate) fn has(&self, name: &str) -> bool {
+    pub fn has(&self, name: &str) -> bool {
         crc32fast::hash(name.as_bytes()) % self.count == self.index - 1
     }
 }
