@@ -2,25 +2,30 @@
 
 mod captures;
 mod files;
+mod fingerprint;
 mod kind;
 mod maps;
 mod nyu;
+mod own_priors;
 mod places;
 mod plain;
 mod posed;
 mod resized;
 mod rooms;
+mod shard;
 mod sunrgbd;
 
 pub use captures::{CaptureGrid, Captures};
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, map_pairs};
 pub use nyu::Nyu;
+pub use own_priors::OwnPriors;
 pub use places::{Placed, parse_places};
 pub use plain::{PlainFolders, PlainScene};
 pub use posed::Posed;
 pub use resized::Resized;
 pub use rooms::Rooms;
+pub use shard::Shard;
 pub use sunrgbd::SunRgbd;
 
 use crate::capture::{Capture, CapturedView};

@@ -5,6 +5,8 @@ pub mod align;
 pub mod baseline;
 #[cfg(feature = "scenes")]
 pub mod capture;
+#[cfg(feature = "baseline")]
+mod controls;
 #[cfg(feature = "data")]
 pub mod data;
 mod error;
@@ -24,6 +26,8 @@ pub mod simulated;
 pub mod statistics;
 pub mod table;
 
+#[cfg(feature = "baseline")]
+pub use controls::{Controls, ScoredScene};
 pub use error::{Error, Result};
 #[cfg(feature = "scenes")]
 pub use mde_mvs;

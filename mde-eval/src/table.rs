@@ -1,11 +1,21 @@
 //! Scores of many scenes as tables: one row per scene and method, and a summary per method with intervals.
 
+mod comparison;
 mod document;
+mod failure;
+mod read;
 mod summary;
+mod text;
+pub(crate) mod verdict;
 mod write;
 
+pub use comparison::{Compared, Comparison};
 pub use document::{Block, Document, Table};
+pub use failure::{Failure, failed};
+pub use read::{SceneScores, read_csv};
 pub use summary::{MethodSummary, Statistics, Summary};
+pub use text::wrapped;
+pub use verdict::{is_control, verdict};
 pub use write::{csv, document, inert, original_name};
 
 use crate::Result;

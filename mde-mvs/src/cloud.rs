@@ -33,7 +33,7 @@ impl DepthView<'_> {
 
     /// The colour of a pixel.
     pub fn colour(&self, row: usize, column: usize) -> [u8; 3] {
-        [0, 1, 2].map(|channel| (self.image[(row, column, channel)].clamp(0.0, 1.0) * 255.0).round() as u8)
+        [0, 1, 2].map(|channel| byte(self.image[(row, column, channel)]))
     }
 
     /// Unit normal of the surface at the `point` of a pixel, towards the camera; 0 where no neighbour is known.
@@ -53,6 +53,11 @@ impl DepthView<'_> {
         let normal = down.cross(&right).try_normalize(0.0).unwrap_or_default();
         if normal.dot(&point.coords) > 0.0 { -normal } else { normal }
     }
+}
+
+/// A colour in 0 to 1 as a byte.
+pub(crate) fn byte(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
 /// A point that at least two photographs show.

@@ -14,7 +14,7 @@
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
 //! | colour error of a withheld photograph | [`withheld::withheld_error`] |
 //! | poses from matches and priors, or refinement of given poses | [`poses::estimate_poses`], [`poses::refine_poses`] |
-//! | one scale for the priors of a burst or a video | [`poses::Prepared::log_ratio`], [`poses::common_scale`] |
+//! | one scale for the priors of a burst or a video | [`poses::ScaleMatches`], [`poses::common_scale`] |
 //!
 //! ```
 //! use mde_mvs::consensus::reconstruct;
@@ -46,12 +46,15 @@
 //!
 //! # Features
 //! `capture`: readers of nerfstudio's `transforms.json`, COLMAP models and TUM trajectories, and writers of the first two, in `capture`.
-//! `serde`: settings and reports can be read and written. `surface`: one mesh of many depth maps, in `surface`.
+//! `serde`: settings and reports can be read and written. `surface`: one mesh of many depth maps, in `surface`, and files of points and
+//! meshes, in `export`.
 
 #[cfg(feature = "capture")]
 pub mod capture;
 pub mod cloud;
 mod error;
+#[cfg(feature = "surface")]
+pub mod export;
 pub mod poses;
 mod raster;
 mod statistics;

@@ -44,12 +44,14 @@ mod camera;
 mod error;
 mod holes;
 mod mesh;
+mod orbit;
 mod pose;
 #[cfg(feature = "proptest")]
 pub mod proptest;
 mod raster;
 mod reproject;
 mod sampling;
+mod synthetic;
 pub mod transfer;
 mod view;
 mod warp;
@@ -59,9 +61,11 @@ pub use camera::PinholeCamera;
 pub use error::{Error, Result};
 pub use nalgebra;
 pub use ndarray;
-pub use pose::Pose;
+pub use orbit::orbit;
+pub use pose::{Pose, matrix_rows};
 pub use reproject::{ReprojectConfig, reproject};
 pub use sampling::{ViewSampling, sample_poses};
+pub use synthetic::{WarpReport, synthesise};
 pub use view::PosedView;
 pub use warp::{WarpConfig, WarpedView, forward_warp};
 

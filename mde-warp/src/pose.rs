@@ -4,6 +4,12 @@ use nalgebra::Isometry3;
 /// World to camera. The world is the original camera's frame, in the prior's unit.
 pub type Pose = Isometry3<f64>;
 
+/// A pose's matrix, row by row.
+pub fn matrix_rows(pose: &Pose) -> [[f64; 4]; 4] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}
+
 pub(crate) fn check_pose(which: &'static str, pose: &Pose) -> Result<()> {
     let finite = pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite());
     if finite { Ok(()) } else { Err(Error::Pose { which }) }

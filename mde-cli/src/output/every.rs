@@ -1,16 +1,16 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
 use crate::error::Result;
-use crate::output::export::{Format, RefinedView, colmap, glb, ply, transforms};
+use crate::output::export::{Format, RefinedView, colmap, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
 use crate::several::prepared::PreparedScene;
 use mde_mvs::cloud::{DepthView, consistent_points};
+use mde_mvs::export::{glb, ply};
 use mde_mvs::surface::surface;
 use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -144,15 +144,8 @@ impl PhotographRow {
 /// [`Error::Prior`](crate::error::Error::Prior) or [`Error::External`](crate::error::Error::External) for a file that can't be written.
 pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &[Format]) -> Result<usize> {
     transforms::write(&folder.join(transforms::FILE), views)?;
-    let mut cloud = ply::Cloud::default();
     let maps: Vec<DepthView<'_>> = views.iter().map(|view| view.map).collect();
     let points = consistent_points(&maps);
-    for found in &points {
-        let (view, [row, column]) = (&maps[found.view], found.pixel);
-        let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
-        let normal = view.pose.rotation.inverse() * normal;
-        cloud.push(found.position, normal, view.colour(row, column), found.sigma);
-    }
     if export.contains(&Format::ColmapDense) {
         colmap::write_dense(folder, views, &points)?;
     }
@@ -161,13 +154,12 @@ pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &
         mde_prior::write_atomic(&folder.join(MESHES[0]), &ply::encode_surface(&surface, FRAME, unit))?;
         mde_prior::write_atomic(&folder.join(MESHES[1]), &glb::encode_surface(&surface, unit))?;
     }
-    let count = cloud.len();
-    let frame = match count {
+    let frame = match points.len() {
         0 => "no point is confirmed by two photographs",
         _ => FRAME,
     };
-    mde_prior::write_atomic(&folder.join(CLOUD), &cloud.encode(frame, unit))?;
-    Ok(count)
+    mde_prior::write_atomic(&folder.join(CLOUD), &ply::encode_points(&points, &maps, frame, unit))?;
+    Ok(points.len())
 }
 
 /// The record of a run that refined every photograph: its `run.json`.

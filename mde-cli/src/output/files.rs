@@ -1,16 +1,18 @@
 //! The files of a result.
 
 use crate::error::{Error, Result};
-use crate::output::export::{self, Format, RefinedView, colmap, glb, ply, subfolder, transforms};
+use crate::output::export::{self, Format, RefinedView, colmap, subfolder, transforms};
 use crate::output::preview::preview;
 use crate::refiner::finish::PICTURES;
+use crate::scene::size::byte;
 use mde_mvs::cloud::DepthView;
+use mde_mvs::export::{glb, ply};
 use mde_prior::CertaintyMeaning;
 use mde_prior::format::{
     CONFIDENCE_FORMULA, DepthPng, confidence, write_confidence_png, write_depth_png, write_exr, write_npy,
     write_npz,
 };
-use mde_prior::photo::{write_image, write_rgb_png};
+use mde_prior::photo::{encode_rgb_png, write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose};
@@ -38,6 +40,13 @@ pub struct ResultFiles<'r> {
     pub camera: PinholeCamera,
     /// Unit and scale of `depth.png`.
     pub png: DepthPng,
+    /// What only some results have.
+    pub beside: Beside<'r>,
+}
+
+/// What only some results have.
+#[derive(Default)]
+pub struct Beside<'r> {
     /// Further maps by the names of their files: `lower` and `upper`, `gt`.
     pub more: Vec<Named<'r>>,
     /// The components of sigma.
@@ -54,41 +63,15 @@ pub struct ResultFiles<'r> {
     pub truth: Option<ArrayView2<'r, f32>>,
 }
 
-impl<'r> ResultFiles<'r> {
-    /// Of one photograph, without what only some results have.
-    pub fn new(
-        depth: &'r GaussianDepth,
-        sigma: ArrayView2<'r, f32>,
-        prior: ArrayView2<'r, f32>,
-        image: ArrayView3<'r, f32>,
-        camera: PinholeCamera,
-        png: DepthPng,
-    ) -> Self {
-        Self {
-            depth,
-            sigma,
-            prior,
-            image,
-            camera,
-            png,
-            more: Vec::new(),
-            components: Vec::new(),
-            certainty: None,
-            evidence: Vec::new(),
-            pictures: Vec::new(),
-            strip: Vec::new(),
-            truth: None,
-        }
-    }
-
+impl ResultFiles<'_> {
     /// Writes what every folder of a result has, and the folder of the pictures.
     ///
     /// # Errors
     /// [`Error::Prior`] for a file or folder that can't be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let Self { depth, sigma, prior, image, .. } = *self;
+        let Self { depth, sigma, prior, image, ref beside, .. } = *self;
         let mut maps = vec![("depth", depth.mean()), ("sigma", sigma), ("prior", prior)];
-        maps.extend(&self.more);
+        maps.extend(&beside.more);
         let mut files: Vec<Box<dyn Fn() -> mde_prior::Result<()> + Sync + Send + '_>> = vec![
             Box::new(|| write_rgb_png(folder.join("preview.png"), preview(self).view())),
             Box::new(|| write_image(folder.join(export::IMAGE), image)),
@@ -109,14 +92,14 @@ impl<'r> ResultFiles<'r> {
         }
         // Side by side: of a photograph of 12 megapixels they take seconds.
         files.par_iter().try_for_each(|write| write())?;
-        if !self.pictures.is_empty() {
+        if !beside.pictures.is_empty() {
             subfolder(folder, PICTURES)?;
         }
-        for (name, picture) in &self.pictures {
+        for (name, picture) in &beside.pictures {
             write_rgb_png(folder.join(name), picture.view())?;
         }
-        if !self.evidence.is_empty() {
-            write_npz(folder.join(EVIDENCE), &self.evidence)?;
+        if !beside.evidence.is_empty() {
+            write_npz(folder.join(EVIDENCE), &beside.evidence)?;
         }
         Ok(())
     }
@@ -140,17 +123,20 @@ impl<'r> ResultFiles<'r> {
                 let text = "export: colmap-dense and mesh are of a whole capture; refine all of its photographs, or give colmap or glb";
                 return Err(Error::Argument(text.to_owned()));
             }
-            Format::Glb => write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, unit)?)?,
+            Format::Glb => {
+                let png = encode_rgb_png(view.image.mapv(byte).view())?;
+                write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, png, unit))?;
+            }
             Format::Transforms => {
                 let view = RefinedView { map: view, folder: "", png_scale: self.png.scale };
                 transforms::write(&folder.join(transforms::FILE), &[view])?;
             }
             Format::Sigma => {
                 let parts = subfolder(folder, "sigma")?;
-                for (name, sigma) in &self.components {
+                for (name, sigma) in &self.beside.components {
                     write_npy(parts.join(format!("{name}.npy")), *sigma)?;
                 }
-                if let Some((meaning, map)) = self.certainty {
+                if let Some((meaning, map)) = self.beside.certainty {
                     write_npy(parts.join(format!("network-{}.npy", meaning.name())), map)?;
                 }
             }

@@ -46,18 +46,18 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
     let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
     let text = text_height(width);
     let first = 2 * MARGIN + text;
-    let above = show.strip.first().map_or(0, |picture| first + picture.dim().0 + MARGIN);
+    let above = show.beside.strip.first().map_or(0, |picture| first + picture.dim().0 + MARGIN);
     let title = above + MARGIN;
     let top = title + MARGIN + text;
     let panel = [width, height];
     let bottom = top + height + 3 * MARGIN + BAR + text;
     let mut canvas = Canvas::new(whole, bottom, BACKGROUND);
     let mut left = MARGIN;
-    for picture in &show.strip {
+    for picture in &show.beside.strip {
         canvas.image([left, first], picture);
         left += picture.dim().1 + MARGIN;
     }
-    if !show.strip.is_empty() {
+    if !show.beside.strip.is_empty() {
         canvas.text("photographs, the first is refined", [MARGIN, MARGIN], text, INK);
     }
 
@@ -65,7 +65,7 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
     let sigmas = usual_range(show.sigma.iter());
     let depth = |name: &str, map| (format!("{name} [{unit}]"), map, &*DEPTHS, depths);
     let mut maps = vec![depth("prior", show.prior), depth("refined", refined)];
-    match show.truth.filter(|_| !show.strip.is_empty()) {
+    match show.beside.truth.filter(|_| !show.beside.strip.is_empty()) {
         Some(truth) => maps.push(depth("truth", truth)),
         None => {
             canvas.text("image", [MARGIN, title], text, INK);
@@ -207,6 +207,7 @@ pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::files::Beside;
     use mde_prior::format::DepthPng;
     use mde_uncertainty::GaussianDepth;
     use mde_warp::PinholeCamera;
@@ -224,9 +225,13 @@ mod tests {
         let camera = PinholeCamera::from_fov(60.0, 300, 30).unwrap();
         let (sigma, png) = (Array2::from_elem((30, 300), sigma), DepthPng::new("m", depth.iter().copied()));
         preview(&ResultFiles {
-            strip: strip(&views, 300),
-            truth: Some(depth.view()),
-            ..ResultFiles::new(&refined, sigma.view(), depth.view(), views[0], camera, png)
+            depth: &refined,
+            sigma: sigma.view(),
+            prior: depth.view(),
+            image: views[0],
+            camera,
+            png,
+            beside: Beside { strip: strip(&views, 300), truth: Some(depth.view()), ..Beside::default() },
         })
     }
 

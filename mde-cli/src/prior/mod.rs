@@ -19,7 +19,7 @@ pub struct OpenPrior<'p> {
     /// A warning about the file.
     pub(crate) note: Option<String>,
     /// The warning about near and far, once the network was tried on rooms.
-    pub(crate) order: OnceLock<Option<String>>,
+    order: OnceLock<Option<String>>,
 }
 
 impl<'p> OpenPrior<'p> {
@@ -50,6 +50,23 @@ impl<'p> OpenPrior<'p> {
         let map = self.prior.predict(Array3::zeros((height, width, 3)).view()).ok()?.map;
         let values: Vec<u8> = map.iter().flat_map(|value| value.to_le_bytes()).collect();
         Some(hash(&values))
+    }
+
+    /// A warning where a network's near and far come out swapped in rooms of known depth. Only one whose output kind was guessed from a
+    /// flag or the file name is tested, once. Without procedural rooms there is nothing to test with.
+    pub(crate) fn swapped(&self) -> Option<&str> {
+        #[cfg(feature = "program")]
+        {
+            let is_guessed = self.origin.form == PriorForm::Network && !self.origin.kind_is_told;
+            if is_guessed && self.order.get().is_none() {
+                // Not within `get_or_init`: a thread of rayon's pool could meanwhile take up work that waits for it.
+                // What can't be predicted fails in the run too, with its own error.
+                let trial = mde_eval::order_check::OrderCheck::swapped(self.prior()).ok().flatten();
+                // Another thread finds the same.
+                let _ = self.order.set(trial.map(|trial| self.origin.swapped(trial.mean())));
+            }
+        }
+        self.order.get()?.as_deref()
     }
 
     /// Where it comes from.

@@ -1,10 +1,10 @@
 //! One refinement: its steps, and the files of its folder.
 
 use crate::output::export::Format;
-use crate::output::files::ResultFiles;
+use crate::output::files::{Beside, ResultFiles};
 use crate::output::preview::strip;
 use crate::output::record::RunRecord;
-use crate::program::open::truth::{Comparison, Truth};
+use crate::program::open::truth::Truth;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
@@ -14,6 +14,7 @@ use crate::refiner::{Plan, Prepared, Refined, Refiner};
 use crate::reports::Refinement;
 use crate::scene::Scene;
 use anyhow::{Context, Result};
+use mde_eval::table::{Comparison, Document};
 use mde_prior::DepthKind;
 use mde_prior::photo::write_image;
 use serde_json::json;
@@ -45,9 +46,7 @@ impl Job<'_> {
         let mut prepared = self.refiner.prepare(scene, plan, progress)?;
         let (refined, scores) =
             self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
-        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let value =
-            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": scores });
+        let table = scores.as_ref().map(|scores| scores.table().text() + "\n").unwrap_or_default();
         let mut gained = summary::summary(&refined);
         if let Some(interval) = &refined.stated.interval {
             gained += &format!(
@@ -64,7 +63,7 @@ impl Job<'_> {
             progress.seconds(),
             line_of(&report)
         );
-        progress.result(&text, value);
+        progress.done(&Document::default(), &text, folder.path(), json!({ "scores": scores }));
         Ok(())
     }
 
@@ -116,7 +115,7 @@ impl Job<'_> {
         let evidence = capture.as_ref().and_then(|capture| capture.evidence.as_ref());
         let metric = refined.origin.kind == DepthKind::Metric;
         let camera = refined.camera.camera;
-        let files = ResultFiles {
+        let beside = Beside {
             more,
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
             certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
@@ -124,8 +123,9 @@ impl Job<'_> {
             pictures: refined.pictures(),
             strip: strip(&refined.shown(), refined.image.dim().1),
             truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
-            ..ResultFiles::new(depth, sigma.view(), prior.view(), refined.image, camera, refined.png)
         };
+        let (sigma, prior, image, png) = (sigma.view(), prior.view(), refined.image, refined.png);
+        let files = ResultFiles { depth, sigma, prior, image, camera, png, beside };
         files.write(path)?;
         let config = refined.config_toml(&settings.config)?;
         mde_prior::write_atomic(&path.join("config.toml"), config.as_bytes())?;

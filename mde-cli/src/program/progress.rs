@@ -5,16 +5,17 @@ use crate::program::args::RunArgs;
 use crate::program::error::flags;
 use crate::program::interrupt;
 use crate::program::open::settings::start_threads;
-use crate::program::terminal::{columns, one_line, shown, visible, wrapped};
+use crate::program::terminal::{columns, one_line, visible};
 use crate::refinement::event::{Event, Stage};
 use crate::refiner::Observer;
 use anyhow::Result;
 use console::{Term, style, truncate_str};
-use mde_eval::table::Document;
+use mde_eval::table::{Document, wrapped};
 use mde_nerf::FieldEvent;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Least time between two drawings of a line.
@@ -169,29 +170,30 @@ impl Progress {
         self.report(what, json!({ "event": "begin", "stage": what }));
     }
 
-    /// The results: `text` on stdout, or `value` as JSON.
-    pub(crate) fn result(&mut self, text: &str, value: Value) {
+    /// The results: `tables` and `text` below them on stdout, or `value` as JSON.
+    pub(crate) fn result(&mut self, tables: &Document, text: &str, value: Value) {
         self.current = None;
         self.print_warnings();
-        match self.mode {
-            Mode::Quiet | Mode::Json => self.report("", value),
-            // A closed pipe is no error.
-            Mode::Lines | Mode::Terminal => {
-                drop(writeln!(io::stdout().lock(), "{}", wrapped(&visible(text), columns(), 2)))
-            }
+        if matches!(self.mode, Mode::Quiet | Mode::Json) {
+            return self.report("", value);
         }
+        // A file gets Markdown.
+        let mut shown = match columns() {
+            usize::MAX => tables.markdown().trim_end().to_owned(),
+            columns => tables.text(columns),
+        };
+        if !tables.blocks.is_empty() {
+            shown += "\n\n";
+        }
+        // A closed pipe is no error.
+        let text = visible(&shown) + &wrapped(&visible(text), columns(), 2);
+        let _ = writeln!(io::stdout().lock(), "{text}");
     }
 
-    /// Tables, and `text` below them, on stdout, or `value` as JSON.
-    pub(crate) fn tables(&mut self, tables: &Document, text: &str, value: Value) {
-        if matches!(self.mode, Mode::Lines | Mode::Terminal) {
-            self.current = None;
-            self.print_warnings();
-            if !tables.blocks.is_empty() {
-                let _ = writeln!(io::stdout().lock(), "{}\n", visible(&shown(tables, columns())));
-            }
-        }
-        self.result(text, value);
+    /// The results of a run that is done: what is in `output`, and where that is.
+    pub(crate) fn done(&mut self, tables: &Document, text: &str, output: &Path, mut value: Value) {
+        (value["event"], value["output"]) = ("done".into(), output.display().to_string().into());
+        self.result(tables, text, value);
     }
 
     fn begin(&mut self, stage: Stage, iteration: [usize; 2]) {

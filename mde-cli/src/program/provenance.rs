@@ -62,12 +62,6 @@ pub(crate) fn write_record(folder: &Path, about: About<'_>, more: Value) -> Resu
     write_json(&folder.join(RECORD), &Record { about, more })
 }
 
-/// A pose's matrix, row by row.
-pub(crate) fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
-    let matrix = pose.to_homogeneous();
-    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
-}
-
 /// Peak resident memory of the process, bytes; known on Linux only.
 pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

@@ -2,17 +2,15 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::reports::iteration::WarpReport;
 use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
-use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, forward_warp, reproject, sample_poses};
-use ndarray::{Array2, ArrayView3};
+use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, WarpReport, reproject, sample_poses};
+use ndarray::ArrayView3;
 use std::ops::ControlFlow;
 
-/// The training views of the field (Section III.A, Eq. 1): the photograph itself, then its warps by `depth`
-/// (`[height, width]`) to the sampled poses.
+/// The training views of an iteration (Section III.A, Eq. 1), by [`mde_warp::synthesise`].
 ///
 /// # Errors
 /// The error of the warp, or [`Error::EmptyPrior`].
@@ -23,23 +21,9 @@ pub fn synthesise(
     config: &Config,
     iteration: usize,
 ) -> Result<(Vec<PosedView>, WarpReport)> {
-    let original = PosedView::new(
-        image.to_owned(),
-        *camera,
-        Pose::identity(),
-        Array2::from_elem(depth.dim(), true),
-        vec![depth.clone()],
-    )?;
-    let scale = median_depth(depth)?;
     let seed = derived_seed(config.seed, "training-poses", iteration as u64);
-    let mut views = vec![original];
-    let mut report = WarpReport::default();
-    for pose in sample_poses(&config.views, scale, seed)? {
-        let warped = forward_warp(image, depth, camera, &Pose::identity(), camera, &pose, &config.warp)?;
-        report.add(&warped);
-        views.push(warped.view);
-    }
-    Ok((views, report))
+    let rules = (&config.views, &config.warp);
+    Ok(mde_warp::synthesise(image, depth, camera, rules, median_depth(depth)?, seed)?)
 }
 
 /// The depth that `field` renders from the novel poses, reprojected to the original camera (Eq. 6). `scale` is the median

@@ -31,7 +31,6 @@ pub mod calibration;
 pub mod capture;
 pub mod error_bar;
 pub mod finish;
-mod order_check;
 pub mod plan;
 mod plausibility;
 pub mod same_scale;
@@ -54,13 +53,12 @@ use crate::refiner::error_bar::ErrorBar;
 use crate::refiner::plan::inference::PhotographMemory;
 use crate::refiner::plan::limit::MemoryLimit;
 use crate::refiner::plan::scene_bytes;
-use crate::reports::iteration::WarpReport;
 use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use crate::several::prepared::PreparedScene;
 use mde_prior::{DepthPrior, ModelSpec};
-use mde_warp::{PinholeCamera, PosedView};
+use mde_warp::{PinholeCamera, PosedView, WarpReport};
 use ndarray::Array2;
 use std::ops::ControlFlow;
 
@@ -211,7 +209,7 @@ impl<'p> Refiner<'p> {
         seen: &mut dyn Observer,
     ) -> Result<(PhotographPrior<'_>, KnownCamera)> {
         self.prior.note.iter().for_each(|note| seen.warn(note.clone()));
-        order_check::swapped(self.prior).into_iter().for_each(|warning| seen.warn(warning.to_owned()));
+        self.prior.swapped().into_iter().for_each(|warning| seen.warn(warning.to_owned()));
         let mut camera = photograph.camera.clone();
         // Further photographs give the focal length.
         if !several {

@@ -1,14 +1,14 @@
 //! Several photographs: poses, choice, sweeps and field.
 
 use crate::reports::evidence::Evidence;
-use crate::reports::novel::NovelView;
 use mde_fusion::FusionReport;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
-use mde_warp::{PinholeCamera, PosedView};
+use mde_warp::{PinholeCamera, PosedView, matrix_rows};
+use ndarray::Array3;
 use serde::Serialize;
 
 /// Verdicts on the photographs that are used.
@@ -91,6 +91,27 @@ pub struct PhotographReport {
     pub camera: Option<PinholeCamera>,
 }
 
+/// A photograph, what the field renders from its place, and how far they differ.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NovelView {
+    /// Index among the capture's photographs.
+    pub photograph: usize,
+    /// Whether its colours and its depth took no part in sweeps and fit. Its matches took part in the pose estimation.
+    pub withheld: bool,
+    /// PSNR of the field's rendering, dB.
+    pub psnr: Option<f64>,
+    /// PSNR of the reference moved there by the gauged prior, over the same pixels, dB.
+    pub psnr_of_prior: Option<f64>,
+    /// Share of its pixels that are compared: those which the field renders and the moved reference reaches.
+    pub compared: f64,
+    /// The photograph in the reference's exposure, `[height, width, 3]`, at most 320 pixels a side.
+    #[serde(skip)]
+    pub image: Array3<f32>,
+    /// The field's rendering, of the same size; grey where the field has nothing.
+    #[serde(skip)]
+    pub rendered: Array3<f32>,
+}
+
 /// Origin of the poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -171,9 +192,7 @@ impl CaptureReport {
         for (view, &index) in views.iter().zip(order) {
             let mut pose = view.pose;
             pose.translation.vector /= factor;
-            let matrix = pose.to_homogeneous();
-            let rows = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
-            self.photographs[index].pose = Some(rows);
+            self.photographs[index].pose = Some(matrix_rows(&pose));
             self.photographs[index].camera = Some(view.camera);
         }
     }

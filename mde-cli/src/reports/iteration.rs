@@ -2,7 +2,7 @@
 
 use mde_fusion::FusionReport;
 use mde_nerf::FitReport;
-use mde_warp::WarpedView;
+use mde_warp::WarpReport;
 use serde::Serialize;
 
 /// Report of one iteration of the loop.
@@ -20,30 +20,6 @@ pub struct IterationReport {
     pub field_prior_deviation: Option<f64>,
     /// Wall seconds by stage.
     pub seconds: StageSeconds,
-}
-
-/// Coverage of the synthetic views.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct WarpReport {
-    /// Number of views.
-    pub views: usize,
-    /// Mean share of a view's pixels that are holes: within the source image, but of a surface that it does not show. They are filled and masked.
-    pub mean_hole_fraction: f64,
-    /// Largest share of any view.
-    pub max_hole_fraction: f64,
-    /// Mean share of a view's pixels outside of the source image.
-    pub mean_outside_fraction: f64,
-}
-
-impl WarpReport {
-    /// Adds a view.
-    pub(crate) fn add(&mut self, view: &WarpedView) {
-        let mean = |old: f64, new: f64| (old * self.views as f64 + new) / (self.views + 1) as f64;
-        self.mean_hole_fraction = mean(self.mean_hole_fraction, view.hole_fraction);
-        self.mean_outside_fraction = mean(self.mean_outside_fraction, view.outside_fraction);
-        self.max_hole_fraction = self.max_hole_fraction.max(view.hole_fraction);
-        self.views += 1;
-    }
 }
 
 /// Wall seconds by stage.

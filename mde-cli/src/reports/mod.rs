@@ -3,7 +3,6 @@
 pub mod capture;
 pub mod evidence;
 pub mod iteration;
-pub mod novel;
 pub mod prediction;
 mod refinement;
 

@@ -1,7 +1,7 @@
 //! A photograph beside what the field renders from its place.
 
 use crate::error::Result;
-use crate::reports::novel::NovelView;
+use crate::reports::capture::NovelView;
 use crate::several::prepared::equalised;
 use mde_mvs::consensus::ViewDepth;
 use mde_nerf::{FieldCallback, RadianceField};

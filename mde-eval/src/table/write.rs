@@ -110,7 +110,7 @@ fn table(summary: &Summary, metrics: &[&Metric], cell: impl Fn(&Metric, &Statist
 const DASH: &str = "–";
 
 /// Places from which on an interval is more than the range of a few numbers.
-const ENOUGH: usize = 6;
+pub(super) const ENOUGH: usize = 6;
 
 fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> String {
     let Estimate { value, low, high } = *estimate;

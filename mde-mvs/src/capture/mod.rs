@@ -9,20 +9,24 @@
 //! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
 //! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
 //! photograph: a closure returns the width and height of each, or `None` for a missing one. [`CaptureFiles`] recognises the format.
-//! [`transforms_json`], [`colmap_text`] and [`colmap_map`] write these formats.
+//! [`transforms_json`], [`colmap_text`] and [`colmap_map`] write these formats; [`colmap_view`] and [`colmap_workspace`] make COLMAP's files
+//! of depth maps.
 
 mod colmap;
 mod error;
 mod files;
 mod lens;
+mod paths;
 #[cfg(test)]
 mod tests;
 mod transforms;
 mod tum;
+mod workspace;
 
 use std::io::{self, ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
+use crate::cloud::DepthView;
 use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::ArrayView3;
@@ -32,8 +36,10 @@ pub use error::{Error, Result};
 use error::{content, fault, missing};
 pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
+pub use paths::relative_path;
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
 pub use tum::{read_tum, read_tum_list};
+pub use workspace::{COLMAP_FUSION, colmap_view, colmap_workspace};
 
 /// From pixel centres at integers to those at halves.
 const HALF: f64 = 0.5;
@@ -58,6 +64,12 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Of a depth map, whose photograph is in that file and has no distortion.
+    pub fn of_view(view: &DepthView<'_>, photograph: impl Into<PathBuf>) -> Self {
+        let lens = Lens { camera: view.camera, distortion: Distortion::default() };
+        Self { photograph: photograph.into(), lens, pose: view.pose }
+    }
+
     /// The view of a decoded photograph, sRGB in [0, 1], `[height, width, 3]`, without distortion.
     ///
     /// # Errors

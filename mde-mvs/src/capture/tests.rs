@@ -13,7 +13,7 @@ fn present(path: &Path) -> Option<[usize; 2]> {
     (!path.to_string_lossy().contains("gone")).then_some(SIZE)
 }
 
-fn folder(name: &str) -> PathBuf {
+pub(super) fn folder(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("mde-mvs-{name}-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     folder

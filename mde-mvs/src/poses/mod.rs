@@ -37,7 +37,7 @@ pub use depth::{depth_variance, relative_covariance};
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};
-pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
+pub use scale::{LogFactor, LogRatio, MatchPair, Prepared, ScaleMatches, common_scale};
 
 use crate::{Callback, Error, Result, check_map, notify};
 use bundle::Lens;

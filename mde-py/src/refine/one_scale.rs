@@ -72,11 +72,12 @@ impl OneScale {
             outcome.first_error =
                 outcome.first_error.take().or_else(|| errors.into_iter().chain(failed.map(raise)).next());
             let prepared: Vec<Option<Prepared>> = tried.into_iter().map(|one| one?.ok()).collect();
-            let pairs: Vec<_> = prepared.into_iter().flat_map(|prepared| scale.add(prepared)).collect();
-            let ratio = |pair| (!link.is_cancelled()).then(|| scale.ratio(pair)).flatten();
+            let pairs: Vec<_> =
+                prepared.into_iter().flat_map(|prepared| scale.matches.add(prepared)).collect();
+            let ratio = |pair| (!link.is_cancelled()).then(|| scale.matches.ratio(pair)).flatten();
             let ratios: Vec<_> = pairs.par_iter().filter_map(ratio).collect();
-            scale.extend(ratios);
-            Ok(scale.matches())
+            scale.matches.extend(ratios);
+            Ok(scale.matches.count())
         })
     }
 

@@ -10,7 +10,7 @@ use mde_cli::mde_warp::{PinholeCamera, Pose};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use mde_cli::output::every::write_all;
 use mde_cli::output::export::{Format, RefinedView};
-use mde_cli::output::files::{self, ResultFiles};
+use mde_cli::output::files::{self, Beside, ResultFiles};
 use mde_cli::output::folder;
 use mde_cli::prior::origin::METRES;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
@@ -66,7 +66,7 @@ pub(crate) fn save_result(
         [(CertaintyMeaning::Confidence, &parts.confidence), (CertaintyMeaning::Error, &parts.error)]
             .map(|(meaning, map)| map.as_ref().map(|map| (meaning, map.as_array())));
     let (sigma, prior, image) = (parts.sigma.as_array(), parts.prior.as_array(), parts.image.as_array());
-    let files = ResultFiles {
+    let beside = Beside {
         more: named(&parts.more),
         components: named(&parts.components),
         certainty: confidence.or(error),
@@ -77,8 +77,9 @@ pub(crate) fn save_result(
             .map(|(name, one)| (name.clone(), one.as_array().to_owned()))
             .collect(),
         strip: parts.strip.iter().map(|one| one.as_array().to_owned()).collect(),
-        ..ResultFiles::new(&depth, sigma, prior, image, camera, png)
+        truth: None,
     };
+    let files = ResultFiles { depth: &depth, sigma, prior, image, camera, png, beside };
     let write = || -> Result<()> {
         files.write(&folder)?;
         formats.iter().try_for_each(|format| files.export(*format, &folder))

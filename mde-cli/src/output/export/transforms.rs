@@ -1,6 +1,6 @@
 //! `transforms.json` of photographs with their depth, as nerfstudio's data parser reads it.
 
-use super::{IMAGE, RefinedView, frame};
+use super::{IMAGE, RefinedView};
 use crate::error::Result;
 use mde_mvs::capture::{Frame, transforms_json};
 use mde_prior::format::MILLIMETRES;
@@ -15,7 +15,7 @@ pub(crate) fn write(path: &Path, views: &[RefinedView<'_>]) -> Result<()> {
         "" => name.to_owned(),
         folder => format!("{folder}/{name}"),
     };
-    let frames: Vec<Frame> = views.iter().map(|view| frame(&view.map, file(view, IMAGE).into())).collect();
+    let frames: Vec<Frame> = views.iter().map(|view| Frame::of_view(&view.map, file(view, IMAGE))).collect();
     let text = transforms_json(&frames, Path::new(""), |index| {
         let view = &views[index];
         let other = Some(view.png_scale).filter(|scale| *scale != MILLIMETRES);

@@ -1,12 +1,11 @@
 //! The arguments of the commands that run over many scenes.
 
 use crate::config::Preset;
-use crate::program::args::shard::Shard;
 use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, grid, size};
 use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
-use mde_eval::data::{CaptureGrid, DataSetKind};
+use mde_eval::data::{CaptureGrid, DataSetKind, Shard};
 use std::ffi::OsString;
 use std::path::PathBuf;
 

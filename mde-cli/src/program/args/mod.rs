@@ -2,7 +2,6 @@
 
 mod evaluation;
 mod groups;
-pub(crate) mod shard;
 mod values;
 
 pub(crate) use evaluation::{
@@ -15,9 +14,9 @@ pub(crate) use groups::{
 };
 
 use crate::config::Preset;
-use crate::program::args::shard::Shard;
 use crate::program::args::values::{KINDS, PRESETS, choice, formats, size, triple};
 use clap::{Args, CommandFactory, Id, Parser, Subcommand};
+use mde_eval::data::Shard;
 use mde_prior::DepthKind;
 use std::path::{Path, PathBuf};
 

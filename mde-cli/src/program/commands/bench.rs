@@ -1,6 +1,6 @@
 use crate::program::args::BenchArgs;
 use crate::program::provenance::peak_memory;
-use crate::program::terminal::{aligned, print};
+use crate::program::terminal::print;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::Table;
 use mde_nerf::NerfConfig;
@@ -154,7 +154,7 @@ fn lines(threads: usize, ceilings: &Ceilings, rows: &[Row], memory: Option<u64>)
     format!(
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {threads}; random lines of 8 MiB: \
          {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{}\n\npeak memory: {} MiB\n",
-        aligned(&Table::new(2, heads, rows)),
+        Table::new(2, heads, rows).text(),
         number(memory)
     )
 }

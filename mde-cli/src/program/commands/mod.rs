@@ -1,12 +1,9 @@
 //! The subcommands.
 
-mod ablate;
 mod bench;
-mod calibrate;
 mod demo;
-mod dense;
 mod doctor;
-mod eval;
+mod evaluate;
 mod manual;
 mod poses;
 mod refine;
@@ -22,15 +19,15 @@ use anyhow::Result;
 pub(crate) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Demo(args) => demo::run(args),
-        Command::Refine(args) => refine::run(args),
-        Command::Dense(args) => dense::run(args),
+        Command::Refine(args) => refine::refine(args),
+        Command::Dense(args) => refine::dense(args),
         Command::Poses(args) => poses::run(args),
         Command::Warp(args) => warp::run(args),
         Command::Render(args) => render::run(args),
-        Command::Eval(args) => eval::run(args),
+        Command::Eval(args) => evaluate::eval(args),
         Command::Score(args) => score::run(args),
-        Command::Ablate(args) => ablate::run(args),
-        Command::Calibrate(args) => calibrate::run(args),
+        Command::Ablate(args) => evaluate::ablate(args),
+        Command::Calibrate(args) => evaluate::calibrate(args),
         Command::Config { preset } => print(preset.config().to_toml()?.as_bytes()),
         Command::Bench(args) => bench::run(args),
         Command::Report { folder } => {

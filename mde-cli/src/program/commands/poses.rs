@@ -13,7 +13,7 @@ use crate::refiner::{Refiner, Settings};
 use crate::reports::capture::CaptureReport;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::{Block, Document, Table};
-use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
+use mde_mvs::capture::{Distortion, Frame, Lens, relative_path, transforms_json};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -62,9 +62,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let focal = focal.unwrap_or_default();
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
-    let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
-        "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });
-    progress.tables(&Document { blocks: vec![Block::Table(table(report))] }, &text, value);
+    let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor,
+        "poses_seconds": report.seconds.poses });
+    progress.done(&Document { blocks: vec![Block::Table(table(report))] }, &text, target, value);
     Ok(())
 }
 
@@ -85,48 +85,12 @@ fn table(report: &CaptureReport) -> Table {
     Table::new(2, heads, rows)
 }
 
-/// The path of a file as seen from `folder`, with `/` between its parts; both exist.
+/// The path of a file as seen from `folder`.
 fn relative(path: &Path, folder: &Path) -> Result<String> {
-    let fault = || format!("{}: can't be found; check the path", path.display());
-    let [path, folder] =
-        [path.canonicalize().with_context(fault)?, folder.canonicalize().with_context(fault)?];
-    let common = path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
-    let up = folder.components().skip(common).map(|_| Some(".."));
-    let down = path.components().skip(common).map(|part| part.as_os_str().to_str());
-    let parts: Option<Vec<&str>> = up.chain(down).collect();
-    let fault = || {
-        format!("{}: the name is not UTF-8, which a transforms.json can't hold; rename it", path.display())
-    };
-    Ok(parts.with_context(fault)?.join("/"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_path_leads_from_the_folder_to_the_file() {
-        let place = tempfile::tempdir().unwrap();
-        for folder in ["a/b", "d/e"] {
-            std::fs::create_dir_all(place.path().join(folder)).unwrap();
-        }
-        std::fs::write(place.path().join("a/b/c.png"), "").unwrap();
-        let file = place.path().join("a/b/c.png");
-        for (folder, expected) in
-            [("a/b", "c.png"), ("a", "b/c.png"), ("", "a/b/c.png"), ("d/e", "../../a/b/c.png")]
-        {
-            assert_eq!(relative(&file, &place.path().join(folder)).unwrap(), expected);
-        }
-    }
-
-    #[test]
-    #[cfg(unix)]
-    fn a_name_that_json_cannot_hold_is_refused() {
-        use std::os::unix::ffi::OsStrExt;
-        let place = tempfile::tempdir().unwrap();
-        let file = place.path().join(std::ffi::OsStr::from_bytes(b"\xff.png"));
-        std::fs::write(&file, "").unwrap();
-        let fault = relative(&file, place.path()).unwrap_err().to_string();
-        assert!(fault.contains("UTF-8"), "{fault}");
-    }
+    let shown = path.display();
+    let found =
+        relative_path(path, folder).with_context(|| format!("{shown}: can't be found; check the path"))?;
+    found.with_context(|| {
+        format!("{shown}: the name is not UTF-8, which a transforms.json can't hold; rename it")
+    })
 }

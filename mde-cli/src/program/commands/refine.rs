@@ -1,7 +1,9 @@
+//! `mde refine` and `mde dense`.
+
 use crate::config::Preset;
-use crate::program::args::RefineArgs;
+use crate::program::args::{DenseArgs, RefineArgs};
 use crate::program::job::Job;
-use crate::program::many;
+use crate::program::many::{self, every};
 use crate::program::open::settings::refinement_settings;
 use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
@@ -11,7 +13,8 @@ use crate::refiner::Refiner;
 use crate::scene::known::KnownDepths;
 use anyhow::{Result, ensure};
 
-pub(super) fn run(args: &RefineArgs) -> Result<()> {
+/// `mde refine`.
+pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     if photographs::are_many(&args.photographs()) || args.shard.is_some() {
         return many::run(args, &mut progress);
@@ -46,4 +49,22 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         keep_photographs: false,
     };
     job.run(&scene, &plan, &input, &folder, &mut progress)
+}
+
+/// `mde dense`.
+pub(super) fn dense(args: &DenseArgs) -> Result<()> {
+    let mut progress = Progress::start(&args.common.run)?;
+    ensure!(
+        args.common.prior.prior_depth.is_none(),
+        "--prior-depth: is the map of one photograph; give --prior-model, or nothing"
+    );
+    let output = args.common.run.output(&args.capture, "-dense");
+    every::check_folder(&output)?;
+    let prior = prior::open(&args.common.prior, true)?;
+    let capture = std::slice::from_ref(&args.capture);
+    let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
+    let (scene, plan) = scene::several(&refiner, &args.common.camera, None, capture, &mut progress)?;
+    let export = &args.common.results.export;
+    let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
+    every::run(&job, &scene, &plan, args, &output, &mut progress)
 }

@@ -4,7 +4,6 @@ use crate::prior::files::read_options;
 use crate::program::args::ScoreMapsArgs;
 use crate::program::evaluation::results;
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
 use crate::program::interrupt;
@@ -15,7 +14,7 @@ use crate::refiner::plan::SceneMemory;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, map_pairs};
 use mde_eval::score::{Subject, score};
-use mde_eval::table::Entry;
+use mde_eval::table::{Entry, Failure};
 use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::json;
 

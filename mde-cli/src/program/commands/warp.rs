@@ -6,14 +6,15 @@ use crate::program::args::WarpArgs;
 use crate::program::open::settings::{settings, sizes};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
-use crate::program::provenance::{about, rows, write_json, write_record};
+use crate::program::provenance::{about, write_json, write_record};
 use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use anyhow::Result;
+use mde_eval::table::Document;
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
-use mde_warp::PosedView;
+use mde_warp::{PosedView, matrix_rows};
 use ndarray::Array3;
 use serde_json::json;
 use std::path::Path;
@@ -45,10 +46,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         100.0 * warp.mean_outside_fraction,
         line_of(folder.path())
     );
-    progress.result(
-        &text,
-        json!({ "event": "done", "output": folder.path().display().to_string(), "warp": warp }),
-    );
+    progress.done(&Document::default(), &text, folder.path(), json!({ "warp": warp }));
     Ok(())
 }
 
@@ -67,7 +65,7 @@ fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
         let trainable = view.mask.iter().filter(|real| **real).count() as f64 / view.mask.len() as f64;
         // The matrix row by row, and the share of the pixels that may be trained on.
         records.push(json!({ "image": image, "mask": mask, "depth": depth,
-            "world_to_camera": rows(&view.pose), "trainable": trainable }));
+            "world_to_camera": matrix_rows(&view.pose), "trainable": trainable }));
     }
     write_json(&folder.join("poses.json"), &records)?;
     Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).view())?)

@@ -55,23 +55,19 @@ pub(crate) const ROWS: &[Row] = &[
         "no-variance",
         "- NeRF variance: the median of all views' variances everywhere",
         [0.5, 1.03, 0.382],
-        |c| {
-            c.fusion.variance = VarianceRule::ConstantMedian;
-        },
+        |c| c.fusion.variance = VarianceRule::ConstantMedian,
     ),
     printed("min-depth", "- precision-weighted fusion: the nearest surface", [0.7, 1.04, 0.309], |c| {
-        c.fusion.aggregation = Aggregation::MinDepth;
+        c.fusion.aggregation = Aggregation::MinDepth
     }),
     printed("no-calibration", "- affine WLS: a = 1, b = 0", [2.8, 1.06, 0.402], |c| {
-        c.fusion.calibration = Calibration::None;
+        c.fusion.calibration = Calibration::None
     }),
     printed(
         "fixed-variance",
         "- empirical Bayes: the median of the calibrated variances",
         [0.2, 1.08, 0.397],
-        |c| {
-            c.fusion.prior_variance = PriorVariance::FixedMedian;
-        },
+        |c| c.fusion.prior_variance = PriorVariance::FixedMedian,
     ),
     row("kappa-0.02", "sigma_o = 2 % of the median depth", |c| fixed(c, 0.02)),
     row("kappa-0.05", "sigma_o = 5 %", |c| fixed(c, 0.05)),
@@ -81,9 +77,7 @@ pub(crate) const ROWS: &[Row] = &[
         "nerf-only",
         "- monocular prior: the calibrated NeRF where there is one",
         [3.2, 1.10, 0.406],
-        |c| {
-            c.fusion.fusion = Fusion::NerfOnly;
-        },
+        |c| c.fusion.fusion = Fusion::NerfOnly,
     ),
     row("guided-for-nerf", "no NeRF: a guided filter of the prior in its place", original_only),
     row("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", original_only),

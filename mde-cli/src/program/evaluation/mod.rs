@@ -8,4 +8,3 @@ pub(crate) mod runner;
 pub(crate) mod scenes;
 pub(crate) mod scoring;
 pub(crate) mod store;
-pub(crate) mod verdict;

@@ -2,10 +2,7 @@
 
 use crate::output::record::versions;
 use crate::program::error::partial;
-use crate::program::evaluation::runner::Failure;
-use crate::program::evaluation::scoring::SIGMA_BY;
 use crate::program::evaluation::store::Store;
-use crate::program::evaluation::verdict;
 use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
 use crate::program::report;
@@ -14,11 +11,15 @@ use crate::program::terminal::line_of;
 use anyhow::{Context, Result, bail};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
-use mde_eval::table::{Block, Document, Entry, Summary, calibrate, csv, document};
+use mde_eval::table::{
+    self, Block, Document, Entry, Failure, Summary, calibrate, csv, document, is_control, verdict,
+};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 
+/// The file of the tables.
+const TABLE: &str = "table.md";
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
 
@@ -47,17 +48,17 @@ pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -
 
 fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
     let Results { title, alignment, preface, reference, mut entries, failures, record } = results;
-    let failed = verdict::failures(&failures);
+    let failed = table::failed(&failures);
     let first = failed.first().cloned();
     if entries.is_empty() {
         bail!("no scene could be scored{}", first.map_or_else(String::new, |first| format!("; {first}")));
     }
     calibrate(&mut entries);
     let summary = Summary::new(&entries, reference.as_deref(), &Bootstrap::default())?;
-    let verdict = verdict::sentences(&summary);
+    let verdict = verdict(&summary, TABLE);
     let value = json!({ "verdict": verdict, "title": title, "alignment": alignment, "command_line": command_line(), "made_from": record,
         "versions": versions(), "failures": failures, "warnings": progress.own_warnings(), "summary": summary });
-    let counted = counted(&summary);
+    let counted = summary.counted();
     let mut tables = vec![Block::Heading(1, title), Block::Text(format!("{counted}. {alignment}"))];
     let lists = [verdict, failed];
     let brief =
@@ -66,7 +67,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     tables.extend(preface);
     tables.extend(document(&summary).blocks);
 
-    let table = folder.join("table.md");
+    let table = folder.join(TABLE);
     mde_prior::write_atomic(&table, Document { blocks: tables }.markdown().as_bytes())?;
     let mut scenes = Vec::new();
     csv(&entries, &mut scenes)?;
@@ -76,7 +77,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     let report = report::write(folder)?;
     let text = format!("{counted}; report: {}; tables: {}", line_of(&report), line_of(&table));
     let value = json!({ "event": "result", "summary": value["summary"] });
-    progress.tables(&brief, &text, value);
+    progress.result(&brief, &text, value);
     partial(failures.len(), first, folder)
 }
 
@@ -90,21 +91,21 @@ pub(crate) fn finish_part(
     root: &Path,
     progress: &mut Progress,
 ) -> Result<()> {
-    let failed = verdict::failures(failures);
+    let failed = table::failed(failures);
     let lines: String = failed.iter().map(|line| format!("{line}\n")).collect();
     let folder = root.display().to_string();
     let text = format!(
         "{lines}{scenes} of {all} scenes\nwrote {folder}; the same command without --shard writes the tables"
     );
-    let value = json!({ "event": "done", "output": folder, "scenes": scenes, "failures": failures });
-    progress.result(&text, value);
+    let value = json!({ "scenes": scenes, "failures": failures });
+    progress.done(&Document::default(), &text, root, value);
     partial(failures.len(), failed.into_iter().next(), root)
 }
 
 /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones. Without a sigma no earlier figure stays.
 fn figures(entries: &[Entry], folder: &Path) -> Result<()> {
     let mut names = figure::methods(entries);
-    names.sort_by_key(|name| name.contains(SIGMA_BY));
+    names.sort_by_key(|name| is_control(name));
     names.truncate(LINES);
     let charts = [figure::error_by_percentile, figure::sparsification, figure::reliability];
     for ((name, _), chart) in FIGURES.iter().zip(charts) {
@@ -116,13 +117,4 @@ fn figures(entries: &[Entry], folder: &Path) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// The numbers of scenes and places.
-fn counted(summary: &Summary) -> String {
-    let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
-    match summary.places < summary.scenes {
-        true => format!("{} of {}", counted(summary.scenes, "scene"), counted(summary.places, "place")),
-        false => counted(summary.scenes, "scene"),
-    }
 }

@@ -1,12 +1,11 @@
 //! An evaluation: opens the inputs, runs the methods whose results are not stored yet, and scores them. A scene that fails does not stop
 //! the others.
 
-use crate::program::args::shard::Shard;
 use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::fields::FieldMemory;
 use crate::program::evaluation::method::{Method, MethodScene};
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::scenes::{Form, Priors, Source, choose, fingerprint};
+use crate::program::evaluation::scenes::{Form, Priors, Source, choose};
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::{Kept, Store};
 use crate::program::interrupt;
@@ -20,15 +19,14 @@ use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use anyhow::{Result, ensure};
-use mde_eval::data::Sample;
-use mde_eval::table::Entry;
+use mde_eval::data::{Sample, Shard};
+use mde_eval::table::{Entry, Failure};
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
 use mde_prior::resample::nearest;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{ArcArray, Ix3};
 use rayon::ThreadPoolBuilder;
-use serde::Serialize;
 use serde_json::{Value, json};
 use std::sync::Mutex;
 use std::time::Instant;
@@ -62,15 +60,6 @@ pub(crate) struct Evaluation<'a> {
     pub(crate) prior: Priors,
     pub(crate) scoring: Scoring,
     pub(crate) store: Store,
-}
-
-/// An error of a scene or of one of its methods.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub(crate) struct Failure {
-    pub(crate) scene: String,
-    /// `None` if the scene itself could not be loaded.
-    pub(crate) method: Option<String>,
-    pub(crate) error: String,
 }
 
 impl<'a> Evaluation<'a> {
@@ -168,7 +157,7 @@ impl<'a> Evaluation<'a> {
         let seed = simulated.then_some(first.seed);
         let rule = DisparityRule::default();
         let settings = json!({ "prior": self.prior.made_from(&sample.id)?, "rule": rule, "seed": seed });
-        let made_from = json!({ "input": fingerprint(&sample, None), "settings": settings });
+        let made_from = json!({ "input": sample.fingerprint(None), "settings": settings });
         let run = || Ok(scene.prior_depth()?.into());
         let mut made = vec![(first, self.stored_or_run(&sample, first, made_from, run, tally)?)];
 
@@ -189,7 +178,7 @@ impl<'a> Evaluation<'a> {
             ..Task::new(sample.image.view(), &sample.camera, depth.view(), &rule)
         };
         let fields = self.request.share_fields.then(FieldMemory::default);
-        let input = fingerprint(&sample, Some(&depth));
+        let input = sample.fingerprint(Some(&depth));
         for method in others {
             let made_from = json!({ "input": input, "settings": method.settings() });
             let run = || method.run(&scene, &task, fields.as_ref());

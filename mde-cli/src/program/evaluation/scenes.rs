@@ -5,10 +5,9 @@ use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail, ensure};
-use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample};
+use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors, Sample};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, FileKind, PriorDepth, open};
-use ndarray::{Array2, ArrayView3};
+use mde_prior::{DepthKind, DepthPrior, FileKind, open};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -185,7 +184,7 @@ impl Priors {
                 return Ok(own.insert(prior::map(&depth_file(path, &sample.id)?, args)?));
             }
             Form::Simulated => match &sample.prior {
-                Some(prior) => (Box::new(OfSample(sample)), prior.kind),
+                Some(prior) => (Box::new(OwnPriors(sample)), prior.kind),
                 None => {
                     let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
                     (Box::new(SimulatedPrior::new(&sample.depth, &faults)?), faults.kind)
@@ -201,23 +200,6 @@ impl Priors {
     }
 }
 
-/// The monocular depths that a data set brings for its photographs.
-struct OfSample<'s>(&'s Sample);
-
-impl DepthPrior for OfSample<'_> {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let Self(sample) = self;
-        let own = (image == sample.image).then_some(sample.prior.as_ref());
-        let known = || sample.views.iter().find(|one| one.view.image == image).map(|one| one.prior.as_ref());
-        let unknown = || mde_prior::Error::Input("no depth of this image; name a model".to_owned());
-        own.or_else(known).flatten().cloned().ok_or_else(unknown)
-    }
-
-    fn accepts_new_images(&self) -> bool {
-        !self.0.views.is_empty() && self.0.views.iter().all(|view| view.prior.is_some())
-    }
-}
-
 /// The file `FOLDER/ID` with the extension of a depth map.
 pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
@@ -225,31 +207,6 @@ pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     found.with_context(|| {
         format!("{}: no depth map {id}.npy (or .npz, .pfm, .png, .exr) for this scene", folder.display())
     })
-}
-
-/// Checksum of the image, its camera, its own prior, the further photographs with theirs and, where given, the prior.
-pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
-    let mut hasher = crc32fast::Hasher::new();
-    let views = || sample.views.iter().map(|captured| &captured.view);
-    for camera in views().map(|view| &view.camera).chain([&sample.camera]) {
-        for number in [camera.fx, camera.fy, camera.cx, camera.cy] {
-            hasher.update(&number.to_le_bytes());
-        }
-    }
-    for view in views() {
-        view.pose.to_homogeneous().iter().for_each(|number| hasher.update(&number.to_le_bytes()));
-        view.image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
-    }
-    for prior in sample.views.iter().map(|captured| &captured.prior).chain([&sample.prior]).flatten() {
-        hasher.update(prior.kind.to_string().as_bytes());
-        let known = prior.map.iter().zip(&prior.valid);
-        known.for_each(|(value, valid)| hasher.update(&if *valid { *value } else { 0.0 }.to_le_bytes()));
-    }
-    for value in sample.image.iter().chain(prior.into_iter().flatten()) {
-        hasher.update(&value.to_le_bytes());
-    }
-    hasher.update(format!("{:?}", sample.image.dim()).as_bytes());
-    hasher.finalize()
 }
 
 /// Indices of the scenes that `wanted` names, whole or by the last part (all if it is empty), at most `limit`.

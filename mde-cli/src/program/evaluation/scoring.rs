@@ -4,15 +4,13 @@ use crate::program::args::{CropName, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::store::{Kept, Store};
 use anyhow::{Context, Result};
-use mde_eval::align::{Alignment, AlignmentRule};
-use mde_eval::baseline::Unsharp;
-use mde_eval::baseline::sigma::TrivialSigma;
+use mde_eval::align::AlignmentRule;
 use mde_eval::data::Sample;
-use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned, score_uncertainty};
+use mde_eval::score::ScoreConfig;
 use mde_eval::table::Entry;
-use mde_eval::{Method as _, Task};
+use mde_eval::{Controls, ScoredScene, Task};
 use mde_prior::DisparityRule;
-use ndarray::{Array2, ArrayView2};
+use ndarray::ArrayView2;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -21,11 +19,6 @@ const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 
 /// Changes with the definition of a score, so that kept scores are computed again.
 const DEFINITIONS: u32 = 3;
-
-/// Separates a method's name from that of a trivial sigma.
-pub(crate) const SIGMA_BY: &str = ", sigma by ";
-/// Begins the name of the unsharp mask of equal sharpness.
-pub(crate) const UNSHARP: &str = "unsharp as sharp as ";
 
 /// How maps are scored.
 pub(crate) struct Scoring {
@@ -85,9 +78,9 @@ impl Scoring {
         let Some((_, prior)) = made.first() else { return Ok(Vec::new()) };
         let (id, truth) = (&sample.id, crc(sample.depth.view()));
         store.keep_picture(id, sample.image.view())?;
-        let prior_depth = prior.refined.depth.view();
-        let shared = Subject::new(prior_depth, sample.depth.view()).fit(&config)?;
-        let against = Against { scoring: self, sample, prior: prior_depth, config: &config, shared };
+        let rule = DisparityRule::default();
+        let task = Task::new(sample.image.view(), &sample.camera, prior.refined.depth.view(), &rule);
+        let scene = ScoredScene::new(id, task, sample.depth.view(), &config, self.shared)?;
         let mut entries = Vec::new();
         for (method, kept) in made {
             let made_from = json!({
@@ -100,75 +93,15 @@ impl Scoring {
                 entries.extend(scored.entries);
                 continue;
             }
-            let own = against.method(method, kept).with_context(|| method.name.clone())?;
+            let sigmas = self.controls && (method.name == PRIOR || kept.refined.sigma.is_some());
+            let controls = Controls { unsharp: self.controls && method.config().is_some(), sigmas };
+            let own = scene.entries(&method.label, &kept.refined, controls);
+            let mut own = own.with_context(|| method.name.clone())?;
+            own[0].set("seconds", kept.seconds);
+            own.iter_mut().for_each(|entry| entry.seed = method.seed);
             let scored = Scored { made_from, entries: own };
             store.keep_scores(id, &method.name, &scored)?;
             entries.extend(scored.entries);
-        }
-        Ok(entries)
-    }
-}
-
-/// A scene and the prior's alignment.
-struct Against<'a> {
-    scoring: &'a Scoring,
-    sample: &'a Sample,
-    prior: ArrayView2<'a, f32>,
-    config: &'a ScoreConfig,
-    /// The prior's alignment.
-    shared: Alignment,
-}
-
-impl Against<'_> {
-    fn method(&self, method: &Method, kept: &Kept) -> Result<Vec<Entry>> {
-        let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
-        let mut own = self.entry(depth, sigma, &method.label)?;
-        own.set("seconds", kept.seconds);
-        let mut entries = vec![own];
-        if self.scoring.controls && method.config().is_some() {
-            // The unsharp mask of the prior that is as sharp.
-            let rule = DisparityRule::default();
-            let task = Task::new(self.sample.image.view(), &self.sample.camera, self.prior, &rule);
-            let unsharp = Unsharp::matching(self.prior, depth)?.refine(&task)?;
-            let name = format!("{UNSHARP}{}", method.label);
-            entries.push(self.entry(unsharp.depth.view(), None, &name)?);
-        }
-        if self.scoring.controls && (method.name == PRIOR || sigma.is_some()) {
-            entries.extend(self.trivial_sigmas(depth, &entries[0])?);
-        }
-        entries.iter_mut().for_each(|entry| entry.seed = method.seed);
-        Ok(entries)
-    }
-
-    fn entry(&self, depth: ArrayView2<'_, f32>, sigma: Option<&Array2<f32>>, name: &str) -> Result<Entry> {
-        let mut subject = Subject::new(depth, self.sample.depth.view());
-        subject.sigma = sigma.map(|sigma| sigma.view());
-        let scores = match self.scoring.shared {
-            true => score_aligned(&subject, &self.shared, self.config)?,
-            false => score(&subject, self.config)?,
-        };
-        let mut entry = Entry::new(&self.sample.id, name, scores);
-        entry.set_shared(&subject, &self.shared, self.config)?;
-        Ok(entry)
-    }
-
-    /// Scores of trivial sigmas for `depth`, whose entry is `of`.
-    fn trivial_sigmas(&self, depth: ArrayView2<'_, f32>, of: &Entry) -> Result<Vec<Entry>> {
-        let truth = self.sample.depth.view();
-        let alignment = match self.scoring.shared {
-            true => self.shared,
-            false => Subject::new(depth, truth).fit(self.config)?,
-        };
-        let mut entries = Vec::new();
-        for trivial in TrivialSigma::ALL {
-            let sigma = trivial.map(depth, self.sample.image.view())?;
-            let subject = Subject::new(depth, truth).with_sigma(sigma.view());
-            let scores = score_uncertainty(&subject, &alignment, self.config)?;
-            if scores.curves.is_some() {
-                let method = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
-                let Scores { values, curves, .. } = scores;
-                entries.push(Entry { method, values, curves, ..of.clone() });
-            }
         }
         Ok(entries)
     }

@@ -2,7 +2,7 @@
 
 use crate::output::every::{CLOUD, EveryRecord, MESHES, PhotographRow, write_all};
 use crate::output::export::RefinedView;
-use crate::output::export::colmap::{FOLDER as WORKSPACE, LIST};
+use crate::output::export::colmap::FOLDER as WORKSPACE;
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
@@ -20,6 +20,7 @@ use crate::refiner::Plan;
 use crate::scene::Scene;
 use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
+use mde_mvs::capture::COLMAP_FUSION;
 use mde_mvs::cloud::DepthView;
 use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use ndarray::Array2;
@@ -68,7 +69,8 @@ pub(crate) fn run(
             }
             None => {
                 // Those of an earlier run are of other maps than the photograph will have.
-                OF_ALL.iter().chain([&LIST]).for_each(|name| drop(fs::remove_file(output.join(name))));
+                let list = format!("{WORKSPACE}/{COLMAP_FUSION}");
+                OF_ALL.iter().chain([&&*list]).for_each(|name| drop(fs::remove_file(output.join(name))));
                 progress.next(&counted);
                 let (name, start) = (&photograph.name, Instant::now());
                 let mut row = PhotographRow { folder: Some(folder.clone()), ..PhotographRow::new(name) };

@@ -140,14 +140,15 @@ impl Common<'_> {
             };
             // What can't be prepared has its reason in its row, when it is refined.
             let prepared = side_by_side(workers, part.len(), |at| caught(|| prepared(&part[at])).ok())?;
-            let pairs: Vec<_> = prepared.into_iter().flat_map(|prepared| scale.add(prepared)).collect();
-            let ratio = |at: usize| caught(|| Ok(scale.ratio(&pairs[at]))).ok().flatten();
+            let pairs: Vec<_> =
+                prepared.into_iter().flat_map(|prepared| scale.matches.add(prepared)).collect();
+            let ratio = |at: usize| caught(|| Ok(scale.matches.ratio(&pairs[at]))).ok().flatten();
             let found = side_by_side(rayon::current_num_threads(), pairs.len(), ratio)?;
-            scale.extend(found.into_iter().flatten());
+            scale.matches.extend(found.into_iter().flatten());
             let done = (chunk * CHUNK + part.len()).min(items.len());
             let left = start.elapsed().as_secs_f64() / done as f64 * (items.len() - done) as f64;
-            let text = format!("{} matching pairs", scale.matches());
-            let value = json!({ "event": "matched", "pairs": scale.matches() });
+            let text = format!("{} matching pairs", scale.matches.count());
+            let value = json!({ "event": "matched", "pairs": scale.matches.count() });
             progress.piece(done, items.len(), &text, (done < items.len()).then_some(left), value);
         }
         let factors = scale.factors()?;

@@ -83,9 +83,8 @@ fn finish(
         line_of(output),
         progress.seconds()
     );
-    (value["event"], value["output"]) = ("done".into(), output.display().to_string().into());
     value["photographs"] = json!(rows);
-    progress.tables(tables, &text, value);
+    progress.done(tables, &text, output, value);
     partial(failed.len(), failed.into_iter().next(), output)
 }
 

@@ -128,26 +128,3 @@ fn is_photograph(path: &Path) -> bool {
 fn is_pattern(path: &Path) -> bool {
     path.to_str().is_some_and(|text| text.contains(['*', '?', '['])) && !path.exists()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn files_folders_and_lists_give_each_photograph_once() {
-        let place = tempfile::tempdir().unwrap();
-        let at = |name: &str| place.path().join(name);
-        std::fs::create_dir(at("shots")).unwrap();
-        for name in ["b.png", "shots/2.JPG", "shots/1.png", "shots/notes.txt"] {
-            std::fs::write(at(name), "").unwrap();
-        }
-        std::fs::write(at("list.txt"), "# two\n\nshots/1.png\n  absent.png \n").unwrap();
-        let (file, folder, list) = (at("b.png"), at("shots"), at("list.txt"));
-        let found = all(&[&file, &folder, &list, &file]).unwrap();
-        // A name that is missing stays: it becomes a row of its own.
-        assert_eq!(found, [at("b.png"), at("shots/1.png"), at("shots/2.JPG"), PathBuf::from("absent.png")]);
-        assert!(
-            are_many(&[&folder]) && are_many(&[&list]) && are_many(&[&file, &file]) && !are_many(&[&file])
-        );
-    }
-}

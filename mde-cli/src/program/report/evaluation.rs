@@ -7,12 +7,12 @@ use crate::program::store::folder::{file_name, folders_in};
 use crate::scene::size::within;
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
-use mde_eval::table::original_name;
+use mde_eval::table::{SceneScores, read_csv};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::resample::nearest;
 use ndarray::Array2;
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// A reduced image of the scene, for the report.
@@ -39,15 +39,13 @@ pub(crate) const FIGURES: [(&str, &str); 3] = [
     ),
 ];
 
-/// The scores of a scene, by method and metric.
-type Scores = BTreeMap<String, BTreeMap<&'static str, f64>>;
-
 pub(super) fn page(folder: &Path) -> Result<String> {
     let summary: Value = read_json(&folder.join(SUMMARY))?;
-    let all = scores(&folder.join("scenes.csv"))?;
+    let table = folder.join("scenes.csv");
+    let all = read_csv(&read_text(&table)?).with_context(|| table.display().to_string())?;
     let judged = judged(&summary);
     let worst = worst(&all, judged.as_ref());
-    let scene = |(id, scores): &(String, Scores)| -> Result<Value> {
+    let scene = |(id, scores): &(String, SceneScores)| -> Result<Value> {
         let thumbnails = if worst.contains(&**id) { thumbnails(folder, id, scores)? } else { Value::Null };
         Ok(json!({ "id": id, "scores": scores, "thumbnails": thumbnails }))
     };
@@ -87,13 +85,13 @@ fn judged(summary: &Value) -> Option<(String, &'static Metric)> {
 }
 
 /// At most [`SCENES`] scenes, the worst ones; those without a score only where others are too few.
-fn worst<'s>(all: &'s [(String, Scores)], judged: Option<&(String, &Metric)>) -> BTreeSet<&'s str> {
-    let badness = |scores: &Scores| -> Option<f64> {
+fn worst<'s>(all: &'s [(String, SceneScores)], judged: Option<&(String, &Metric)>) -> BTreeSet<&'s str> {
+    let badness = |scores: &SceneScores| -> Option<f64> {
         let (method, metric) = judged?;
         let value = *scores.get(method)?.get(metric.key)?;
         Some(if matches!(metric.better, Better::Higher) { -value } else { value })
     };
-    let badness = |scores: &Scores| badness(scores).unwrap_or(f64::NEG_INFINITY);
+    let badness = |scores: &SceneScores| badness(scores).unwrap_or(f64::NEG_INFINITY);
     let mut sorted: Vec<_> = all.iter().map(|(scene, scores)| (badness(scores), &**scene)).collect();
     sorted.sort_by(|a, b| b.0.total_cmp(&a.0));
     sorted.into_iter().take(SCENES).map(|(_, scene)| scene).collect()
@@ -110,36 +108,8 @@ fn metric(metric: &Metric) -> Value {
             "group": metric.group.title(), "shown": metric.shown })
 }
 
-/// Scenes in the file's order with their scores: means over seeds.
-fn scores(path: &Path) -> Result<Vec<(String, Scores)>> {
-    let name = || path.display().to_string();
-    let text = read_text(path)?;
-    let (mut scenes, mut places) = (Vec::<(String, Scores)>::new(), BTreeMap::new());
-    // The values of the seeds, by scene, method and metric.
-    let mut found = BTreeMap::<_, Vec<f64>>::new();
-    for row in csv::Reader::from_reader(text.as_bytes()).deserialize() {
-        let row: BTreeMap<String, String> = row.with_context(name)?;
-        let named = |key: &str| original_name(row.get(key).map_or("", String::as_str)).to_owned();
-        let (scene, method) = (named("scene"), named("method"));
-        let place = *places.entry(scene.clone()).or_insert(scenes.len());
-        if place == scenes.len() {
-            scenes.push((scene, Scores::new()));
-        }
-        for metric in METRICS.iter().filter(|metric| metric.shown) {
-            if let Some(value) = row.get(metric.key).and_then(|text| text.parse().ok()) {
-                found.entry((place, method.clone(), metric.key)).or_default().push(value);
-            }
-        }
-    }
-    for ((place, method, key), seeds) in found {
-        let mean = seeds.iter().sum::<f64>() / seeds.len() as f64;
-        scenes[place].1.entry(method).or_default().insert(key, mean);
-    }
-    Ok(scenes)
-}
-
 /// The scene's picture and the maps of its methods that are in the tables, on one scale.
-fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
+fn thumbnails(folder: &Path, id: &str, scores: &SceneScores) -> Result<Value> {
     let scene = folder.join("scenes").join(file_name(id));
     let mut maps = Vec::new();
     let mut seen = BTreeSet::new();
@@ -177,17 +147,13 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
 
     #[test]
     fn the_worst_scenes_get_the_thumbnails() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("scenes.csv");
         let rows = |i: usize| format!("s{i},fast,0,median,{i}\ns{i},prior,0,median,{}\n", 100 - i);
         let text: String = (0..SCENES + 5).map(rows).collect();
-        fs::write(&path, format!("scene,method,seed,alignment,abs_rel\n{text}none,prior,0,median,1\n"))
-            .unwrap();
-        let scores = scores(&path).unwrap();
+        let text = format!("scene,method,seed,alignment,abs_rel\n{text}none,prior,0,median,1\n");
+        let scores = read_csv(&text).unwrap();
         // A trivial sigma of the prior has no depth of its own; a control comes after the methods.
         let method = |name: &str, key: &str| json!({ "method": name, "metrics": { key: {} } });
         let summary = |methods: &[Value]| json!({ "summary": { "methods": methods } });
@@ -203,16 +169,5 @@ mod tests {
         let worst = worst(&scores, Some(&judged));
         assert_eq!(worst.len(), SCENES);
         assert!(worst.contains("s5") && worst.contains("s44") && !worst.contains("s4"), "{worst:?}");
-    }
-
-    #[test]
-    fn seeds_are_averaged_and_empty_cells_stay_empty() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("scenes.csv");
-        let text = "scene,method,seed,alignment,mse,abs_rel\nb,fast,0,median,1.0,\nb,fast,1,median,3.0,\na,prior,0,median,5,0.25\n";
-        fs::write(&path, text).unwrap();
-        let scores = scores(&path).unwrap();
-        assert_eq!((&*scores[0].0, &*scores[1].0), ("b", "a"));
-        assert_eq!(scores[0].1["fast"], BTreeMap::from([("mse", 2.0)]));
     }
 }

@@ -8,6 +8,9 @@
 //!   \text{ for each connected component } C . \\]
 
 mod graph;
+mod matches;
+
+pub use matches::{MatchPair, ScaleMatches};
 
 use super::matching::match_features;
 use super::two_view::{Motion, relative_pose};

@@ -1,10 +1,7 @@
 //! Binary glTF, y up: a depth map as a mesh with the photograph as its texture, torn at depth edges, and the surface of a capture.
 
-use crate::error::Result;
-use crate::scene::size::byte;
-use mde_mvs::cloud::DepthView;
-use mde_mvs::surface::{Surface, Vertex};
-use mde_prior::photo::encode_rgb_png;
+use crate::cloud::DepthView;
+use crate::surface::{Surface, Vertex};
 use serde_json::{Value, json};
 
 /// About so many vertices: a larger map is thinned, the texture is not.
@@ -25,18 +22,19 @@ struct Mesh {
     triangles: Vec<[u32; 3]>,
 }
 
-pub(crate) fn encode(view: &DepthView<'_>, unit: &str) -> Result<Vec<u8>> {
-    textured(view, unit, &mesh(view, TEAR))
+/// The mesh of a depth map in the frame of its camera, at most about a million vertices, with the photograph as its texture: `png` is the
+/// file of [`DepthView::image`].
+pub fn encode(view: &DepthView<'_>, png: Vec<u8>, unit: &str) -> Vec<u8> {
+    textured(&mesh(view, TEAR), png, unit)
 }
 
-fn textured(view: &DepthView<'_>, unit: &str, mesh: &Mesh) -> Result<Vec<u8>> {
+fn textured(mesh: &Mesh, png: Vec<u8>, unit: &str) -> Vec<u8> {
     let attributes = [("POSITION", "VEC3", 0), ("TEXCOORD_0", "VEC2", 3), ("_SIGMA", "SCALAR", 5)];
-    let photograph = encode_rgb_png(view.image.mapv(byte).view())?;
-    Ok(file(unit, &mesh.vertices, &mesh.triangles, &attributes, Some(photograph)))
+    file(unit, &mesh.vertices, &mesh.triangles, &attributes, Some(png))
 }
 
 /// The surface of a capture, with the colours of its vertices.
-pub(crate) fn encode_surface(surface: &Surface, unit: &str) -> Vec<u8> {
+pub fn encode_surface(surface: &Surface, unit: &str) -> Vec<u8> {
     // glTF's colours of vertices are linear.
     let linear = |c: f32| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
     let numbers = |vertex: &Vertex| {
@@ -179,7 +177,7 @@ fn torn(depths: [f64; 3], share: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::export::tests::{SIZE, triangle, with_plane};
+    use crate::export::tests::{SIZE, triangle, with_plane};
 
     fn parts(bytes: &[u8]) -> (Value, &[u8]) {
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
@@ -193,7 +191,7 @@ mod tests {
     fn a_plane_with_a_hole_is_one_surface_without_the_triangles_at_the_hole() {
         with_plane(|scene| {
             // The plane is so slanted that the usual limit tears a column of it.
-            let bytes = textured(scene, "m", &mesh(scene, 2.0 * TEAR)).unwrap();
+            let bytes = textured(&mesh(scene, 2.0 * TEAR), b"PNG".to_vec(), "m");
             let (root, data) = parts(&bytes);
             let vertices = root["accessors"][0]["count"].as_u64().unwrap() as usize;
             let triangles = root["accessors"][3]["count"].as_u64().unwrap() as usize / 3;

@@ -1,24 +1,27 @@
-//! An evaluation in a few sentences: which method is better than the reference in what, beyond chance.
+use super::write::ENOUGH;
+use super::{MethodSummary, Statistics, Summary};
+use crate::score::{Better, Group, METRICS, Metric};
 
-use crate::program::evaluation::runner::Failure;
-use crate::program::evaluation::scoring::{SIGMA_BY, UNSHARP};
-use mde_eval::score::{Better, Group, METRICS, Metric};
-use mde_eval::table::{MethodSummary, Statistics, Summary};
-use std::collections::BTreeMap;
-
-/// Places from which on an interval is more than the range of a few numbers.
-const ENOUGH: usize = 6;
+/// Separates a method's name from that of a trivial sigma.
+pub(crate) const SIGMA_BY: &str = ", sigma by ";
+/// Begins the name of the unsharp mask of equal sharpness.
+pub(crate) const UNSHARP: &str = "unsharp as sharp as ";
 /// Most methods that get a sentence, and most metrics named in one.
 const METHODS: usize = 5;
 const NAMED: usize = 4;
 /// The metric of the headline.
 const HEADLINE: &str = "abs_rel";
 
-/// A sentence for each method, the smallest error first.
-pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
-    // Controls are no methods.
-    let is_method = |name: &str| !name.contains(SIGMA_BY) && !name.starts_with(UNSHARP);
-    let mut methods: Vec<&MethodSummary> = summary.methods.iter().filter(|m| is_method(&m.method)).collect();
+/// Whether an entry's method is a control of another: a trivial sigma, or the unsharp mask of equal sharpness.
+pub fn is_control(method: &str) -> bool {
+    method.contains(SIGMA_BY) || method.starts_with(UNSHARP)
+}
+
+/// An evaluation in a few sentences, one for each of at most five methods, the smallest error first: in what it is better or worse than the
+/// reference, beyond chance. `table` names the file that has the others.
+pub fn verdict(summary: &Summary, table: &str) -> Vec<String> {
+    let mut methods: Vec<&MethodSummary> =
+        summary.methods.iter().filter(|m| !is_control(&m.method)).collect();
     let error = |method: &MethodSummary| method.metrics.get(HEADLINE).map_or(f64::INFINITY, |s| s.mean);
     methods.sort_by(|a, b| error(a).total_cmp(&error(b)));
     let Some(reference) = &summary.reference else {
@@ -37,7 +40,7 @@ pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
         .collect();
     let more = methods.len().saturating_sub(1 + METHODS);
     if more > 0 {
-        lines.push(format!("{more} more methods are in table.md"));
+        lines.push(format!("{more} more methods are in {table}"));
     }
     if summary.places < ENOUGH && !lines.is_empty() {
         let what = if summary.places < summary.scenes { "place" } else { "scene" };
@@ -50,18 +53,16 @@ pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
     lines
 }
 
-/// What failed, one line for each method and reason.
-pub(crate) fn failures(failures: &[Failure]) -> Vec<String> {
-    let mut groups: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
-    for failure in failures {
-        let method = failure.method.as_deref().unwrap_or("all methods");
-        groups.entry((method, &failure.error)).or_default().push(&failure.scene);
+impl Summary {
+    /// The numbers of scenes and places, in words.
+    pub fn counted(&self) -> String {
+        let counted =
+            |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+        match self.places < self.scenes {
+            true => format!("{} of {}", counted(self.scenes, "scene"), counted(self.places, "place")),
+            false => counted(self.scenes, "scene"),
+        }
     }
-    let line = |((method, error), scenes): ((&str, &str), Vec<&str>)| match scenes.as_slice() {
-        [scene] => format!("failed: {method} on {scene}: {error}"),
-        scenes => format!("failed: {method} on {} scenes: {error}", scenes.len()),
-    };
-    groups.into_iter().map(line).collect()
 }
 
 fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String {
@@ -134,9 +135,9 @@ fn named(labels: &[&str], others: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_eval::score::{Subject, score};
-    use mde_eval::statistics::Bootstrap;
-    use mde_eval::table::Entry;
+    use crate::score::{Subject, score};
+    use crate::statistics::Bootstrap;
+    use crate::table::Entry;
     use ndarray::Array2;
 
     /// A map whose error is `error` of the depth in stripes, on a number of scenes.
@@ -159,7 +160,7 @@ mod tests {
     #[test]
     fn what_is_better_beyond_chance_is_said_of_each_method() {
         let summary = Summary::new(&entries(8), Some("prior"), &Bootstrap::default()).unwrap();
-        let lines = sentences(&summary);
+        let lines = verdict(&summary, "table.md");
         assert_eq!(lines.len(), 2, "{lines:?}");
         assert!(
             lines[0].starts_with("good: AbsRel ") && lines[0].contains("better than prior in "),
@@ -172,14 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_failures_take_one_line() {
-        let failure = |scene: &str, method: Option<&str>, error: &str| Failure {
-            scene: scene.to_owned(),
-            method: method.map(str::to_owned),
-            error: error.to_owned(),
-        };
-        let all = [failure("a", Some("zoom"), "x"), failure("b", Some("zoom"), "x"), failure("a", None, "y")];
-        assert_eq!(failures(&all), ["failed: all methods on a: y", "failed: zoom on 2 scenes: x"]);
+    fn a_metric_is_named_once_and_with_its_unit_where_needed() {
         assert_eq!(named(&["F1, 0.25 m", "MSE, m²", "F1, 0.5 m"], &["D3R"]), "F1, MSE");
         assert_eq!(named(&["F1, 0.25 m", "MSE, m²"], &["F1, 0.5 m"]), "F1 (0.25 m), MSE");
     }
@@ -187,8 +181,8 @@ mod tests {
     #[test]
     fn few_scenes_show_nothing() {
         let summary = |scenes| Summary::new(&entries(scenes), Some("prior"), &Bootstrap::default()).unwrap();
-        assert!(sentences(&summary(1)).last().unwrap().starts_with("one scene is too few"));
-        let lines = sentences(&summary(3));
+        assert!(verdict(&summary(1), "table.md").last().unwrap().starts_with("one scene is too few"));
+        let lines = verdict(&summary(3), "table.md");
         assert!(
             lines[..2].iter().all(|line| line.contains("no difference to prior beyond chance")),
             "{lines:?}"

@@ -1,11 +1,11 @@
 //! Binary PLY: points with colour, normal and sigma, and the triangles between them.
 
-use crate::scene::size::byte;
-use mde_mvs::cloud::DepthView;
-use mde_mvs::surface::Surface;
+use crate::cloud::{ConsistentPoint, DepthView, byte};
+use crate::surface::Surface;
 use nalgebra::{Point3, Vector3};
 
-pub(crate) fn encode(view: &DepthView<'_>, unit: &str) -> Vec<u8> {
+/// The points of a depth map in the frame of its camera.
+pub fn encode(view: &DepthView<'_>, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud::default();
     for ((row, column), &sigma) in view.sigma.indexed_iter() {
         let Some(point) = view.point(row, column) else { continue };
@@ -14,8 +14,25 @@ pub(crate) fn encode(view: &DepthView<'_>, unit: &str) -> Vec<u8> {
     cloud.encode("camera frame", unit)
 }
 
-/// The surface of a capture.
-pub(crate) fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
+/// The points that several `views` confirm, with the normals and colours of the pixels that they are of; `frame` names the world.
+pub fn encode_points(
+    points: &[ConsistentPoint],
+    views: &[DepthView<'_>],
+    frame: &str,
+    unit: &str,
+) -> Vec<u8> {
+    let mut cloud = Cloud::default();
+    for found in points {
+        let (view, [row, column]) = (&views[found.view], found.pixel);
+        let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
+        let normal = view.pose.rotation.inverse() * normal;
+        cloud.push(found.position, normal, view.colour(row, column), found.sigma);
+    }
+    cloud.encode(frame, unit)
+}
+
+/// The surface of a capture; `frame` names the world.
+pub fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud { triangles: &surface.triangles, ..Cloud::default() };
     for vertex in &surface.vertices {
         let [position, normal] = [vertex.position, vertex.normal].map(|v| Vector3::from(v).cast());
@@ -26,7 +43,7 @@ pub(crate) fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<
 
 /// Points with normal, colour and sigma; x right, y down, z forward.
 #[derive(Default)]
-pub(crate) struct Cloud<'t> {
+struct Cloud<'t> {
     bytes: Vec<u8>,
     count: usize,
     triangles: &'t [[u32; 3]],
@@ -34,7 +51,7 @@ pub(crate) struct Cloud<'t> {
 
 impl Cloud<'_> {
     /// Adds a point with its unit normal and the standard deviation of its depth.
-    pub(crate) fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
+    fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
         let numbers = point.coords.iter().chain(&normal).map(|v| *v as f32);
         numbers.for_each(|number| self.bytes.extend(number.to_le_bytes()));
         self.bytes.extend(colour);
@@ -42,13 +59,8 @@ impl Cloud<'_> {
         self.count += 1;
     }
 
-    /// Number of points.
-    pub(crate) fn len(&self) -> usize {
-        self.count
-    }
-
     /// The file.
-    pub(crate) fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
+    fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
         let header = format!(
             "ply\nformat binary_little_endian 1.0\n\
              comment {frame}: x right, y down, z forward; unit: {unit}; sigma is the depth's standard deviation\n\
@@ -74,7 +86,7 @@ impl Cloud<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::export::tests::{SIZE, triangle, with_plane};
+    use crate::export::tests::{SIZE, triangle, with_plane};
 
     #[test]
     fn a_surface_has_its_vertices_and_triangles() {
