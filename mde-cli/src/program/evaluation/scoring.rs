@@ -8,7 +8,7 @@ use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::baseline::Unsharp;
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::data::Sample;
-use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned, score_uncertainty};
+use mde_eval::score::{ScoreConfig, Scores, Subject, TruthCache, score, score_aligned, score_uncertainty};
 use mde_eval::table::Entry;
 use mde_eval::{Method as _, Task};
 use mde_prior::DisparityRule;
@@ -87,7 +87,8 @@ impl Scoring {
         store.keep_picture(id, sample.image.view())?;
         let prior_depth = prior.refined.depth.view();
         let shared = Subject::new(prior_depth, sample.depth.view()).fit(&config)?;
-        let against = Against { scoring: self, sample, prior: prior_depth, config: &config, shared };
+        let cache = TruthCache::default();
+        let against = Against { scoring: self, sample, prior: prior_depth, config: &config, shared, cache };
         let mut entries = Vec::new();
         for (method, kept) in made {
             let made_from = json!({
@@ -117,6 +118,8 @@ struct Against<'a> {
     config: &'a ScoreConfig,
     /// The prior's alignment.
     shared: Alignment,
+    /// The truth's edges and superpixels.
+    cache: TruthCache,
 }
 
 impl Against<'_> {
@@ -142,7 +145,7 @@ impl Against<'_> {
 
     fn entry(&self, depth: ArrayView2<'_, f32>, sigma: Option<&Array2<f32>>, name: &str) -> Result<Entry> {
         let mut subject = Subject::new(depth, self.sample.depth.view());
-        subject.sigma = sigma.map(|sigma| sigma.view());
+        (subject.sigma, subject.cache) = (sigma.map(|sigma| sigma.view()), Some(&self.cache));
         let scores = match self.scoring.shared {
             true => score_aligned(&subject, &self.shared, self.config)?,
             false => score(&subject, self.config)?,
