@@ -1,6 +1,7 @@
 use super::{close, waves};
 use crate::capture::Capture;
 use crate::error::check;
+use crate::raster::same_shape;
 use crate::scene::World;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
@@ -100,10 +101,7 @@ impl Known {
     fn new(image: ArrayView3<'_, f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
         config.validate()?;
         let (height, width, _) = image.dim();
-        if depth.dim() != (height, width) {
-            let found = [depth.nrows(), depth.ncols()];
-            return Err(Error::Shape { what: "the depth", found, expected: [height, width] });
-        }
+        same_shape("the depth", depth.dim(), (height, width))?;
         if let Some((index, z)) = depth.iter().enumerate().find(|(_, z)| !(**z > 0.0 && z.is_finite())) {
             let (what, value) = ("the depth", f64::from(*z));
             return Err(Error::Value { what, index, value, expected: "positive and finite everywhere" });
