@@ -6,7 +6,7 @@ use crate::scene::World;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::derived_seed;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, s};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
 use serde::Serialize;
 
 /// Faults of a [`SimulatedModel`].
@@ -110,7 +110,7 @@ impl Known {
         let bend = waves(depth.dim(), ("simulated-model", config.seed, 0));
         let kept = close(depth, &Array2::from_elem(depth.dim(), true), radius);
         let disparity =
-            ndarray::Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
+            Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
         Ok(Self { image: image.to_owned(), disparity, config })
     }
 

@@ -44,7 +44,6 @@ impl OneScale {
     }
 
     /// Adds the next photographs, nothing for those that can't be read. The result is the number of matching pairs.
-    #[pyo3(signature = (prior, settings, photographs, model, threads))]
     fn add<'py>(
         &self,
         py: Python<'py>,
