@@ -4,7 +4,7 @@ use crate::align::Alignment;
 use crate::baseline::Unsharp;
 use crate::baseline::sigma::TrivialSigma;
 use crate::raster::Map;
-use crate::score::{ScoreConfig, Scores, Subject, score, score_aligned, score_uncertainty};
+use crate::score::{ScoreConfig, Scores, Subject, TruthCache, score, score_aligned, score_uncertainty};
 use crate::table::Entry;
 use crate::table::verdict::{SIGMA_BY, UNSHARP};
 use crate::{Method as _, Refined, Result, Task};
@@ -29,6 +29,8 @@ pub struct ScoredScene<'a> {
     shared: Alignment,
     /// Whether every map is scored under it.
     is_shared: bool,
+    /// The truth's edges and superpixels.
+    cache: TruthCache,
 }
 
 impl<'a> ScoredScene<'a> {
@@ -45,7 +47,7 @@ impl<'a> ScoredScene<'a> {
         is_shared: bool,
     ) -> Result<Self> {
         let shared = Subject::new(task.prior, truth).fit(config)?;
-        Ok(Self { id, task, truth, config, shared, is_shared })
+        Ok(Self { id, task, truth, config, shared, is_shared, cache: TruthCache::default() })
     }
 
     /// The entry of a method's map; then, as its controls, the prior's [unsharp mask](Unsharp::matching) that is as sharp, and the
@@ -79,7 +81,7 @@ impl<'a> ScoredScene<'a> {
     }
 
     fn entry(&self, method: &str, depth: Map<'_>, sigma: Option<Map<'_>>) -> Result<Entry> {
-        let subject = Subject { sigma, ..Subject::new(depth, self.truth) };
+        let subject = Subject { sigma, cache: Some(&self.cache), ..Subject::new(depth, self.truth) };
         let scores = match self.is_shared {
             true => score_aligned(&subject, &self.shared, self.config)?,
             false => score(&subject, self.config)?,

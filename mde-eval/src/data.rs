@@ -29,6 +29,7 @@ pub use shard::Shard;
 pub use sunrgbd::SunRgbd;
 
 use crate::capture::{Capture, CapturedView};
+use crate::raster::same_shape;
 use crate::{Error, Result};
 use mde_prior::PriorDepth;
 use mde_warp::{PinholeCamera, PosedView};
@@ -110,10 +111,7 @@ impl Sample {
         let mut views = views.into_iter();
         let Some(reference) = views.next() else { return Err(out_of_range(0, 0)) };
         let PosedView { image, camera, .. } = reference.view;
-        let expected = [camera.height, camera.width];
-        if depth.dim() != camera.dim() {
-            return Err(Error::Shape { what: "the true depth", found: depth.dim().into(), expected });
-        }
+        same_shape("the true depth", depth.dim(), camera.dim())?;
         let (views, prior) = (views.collect(), reference.prior);
         Ok(Self { trusted_depth, views, prior, ..Self::new(id, image.into_owned(), depth, camera) })
     }

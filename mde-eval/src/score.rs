@@ -3,9 +3,11 @@
 mod map;
 mod metric;
 mod sigma;
+mod truth;
 
 pub use metric::{Better, Group, METRICS, Metric};
 pub use sigma::UncertaintyCurves;
+pub use truth::TruthCache;
 
 use crate::align::{Alignment, AlignmentRule};
 use crate::error::check;
@@ -74,12 +76,14 @@ pub struct Subject<'a> {
     pub truth: Map<'a>,
     /// Pixels that may count `[height, width]`; all without it.
     pub mask: Option<Mask<'a>>,
+    /// What other predictions of the truth share.
+    pub cache: Option<&'a TruthCache>,
 }
 
 impl<'a> Subject<'a> {
     /// A prediction and its truth, all pixels.
     pub fn new(prediction: Map<'a>, truth: Map<'a>) -> Self {
-        Self { prediction, sigma: None, truth, mask: None }
+        Self { prediction, sigma: None, truth, mask: None, cache: None }
     }
 
     /// With the prediction's standard deviation.
@@ -169,7 +173,7 @@ pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
 pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
     let (depth, uncertainty) =
-        rayon::join(|| aligned.depth_values(), || aligned.uncertainty(subject, alignment));
+        rayon::join(|| aligned.depth_values(subject.cache), || aligned.uncertainty(subject, alignment));
     let (mut values, (of_sigma, curves)) = (depth?, uncertainty?);
     values.extend(of_sigma);
     Ok(aligned.scores(alignment, values, curves))
@@ -220,8 +224,9 @@ impl Aligned {
         Ok(Self { depth, truth, pixels })
     }
 
-    fn depth_values(&self) -> Result<Values> {
-        let found = DepthMap::new(self)?;
+    fn depth_values(&self, cache: Option<&TruthCache>) -> Result<Values> {
+        let truth = cache.unwrap_or(&TruthCache::default()).truth(&self.truth, &self.pixels)?;
+        let found = DepthMap::new(self.depth.view(), &truth)?;
         values(|of| match of {
             Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
             Of::Shared(metric) => metric(&found),
@@ -236,8 +241,7 @@ impl Aligned {
         alignment: &Alignment,
     ) -> Result<(Values, Option<UncertaintyCurves>)> {
         let Some(sigma) = subject.sigma else { return Ok(Default::default()) };
-        let maps = (self.depth.view(), self.truth.view(), &self.pixels);
-        let Some(found) = SigmaMap::new(subject.prediction, sigma, maps, alignment)? else {
+        let Some(found) = SigmaMap::new(subject.prediction, sigma, self, alignment)? else {
             return Ok(Default::default());
         };
         let values = values(|of| match of {

@@ -9,7 +9,7 @@ use crate::error::check;
 use crate::raster::blur_within;
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
-use ndarray::{Array2, ArrayView3, Axis};
+use ndarray::{Array2, ArrayView3, Axis, Zip};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
@@ -87,7 +87,7 @@ impl SimulatedPrior {
         let disparity =
             blur(&closed.mapv(|z| if z > 0.0 { z.recip() } else { 0.0 }), &valid, config.blur * width);
         let waves = waves(truth.dim(), ("simulated-prior", config.seed, 0));
-        let depth = ndarray::Zip::from(&disparity)
+        let depth = Zip::from(&disparity)
             .and(&waves)
             .and(&valid)
             .map_collect(|&d, &f, &valid| if valid { (config.error * f).exp() / d } else { 0.0 });
@@ -128,14 +128,11 @@ impl DepthPrior for SimulatedPrior {
 
 /// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those.
 fn close(depth: &Array2<f32>, valid: &Array2<bool>, radius: usize) -> Array2<f64> {
-    let known =
-        ndarray::Zip::from(depth).and(valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
+    let known = Zip::from(depth).and(valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
     let grown = erode_by(&known.mapv(|z| -z), radius);
     let closed = erode_by(&grown.mapv(|z| -z), radius);
     // Next to missing pixels nothing may become missing.
-    ndarray::Zip::from(&closed)
-        .and(&known)
-        .map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
+    Zip::from(&closed).and(&known).map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
 }
 
 /// Gaussian blur over the valid pixels (normalised convolution), borders replicated by leaving the outside out.
@@ -147,7 +144,7 @@ fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
     }
     let mut sum = blur_within(map * &weight, sigma, radius);
     let share = blur_within(weight, sigma, radius);
-    ndarray::Zip::from(&mut sum).and(&share).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
+    Zip::from(&mut sum).and(&share).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
     sum
 }
 

@@ -10,18 +10,18 @@ use pyo3::types::PyBytes;
 use std::path::PathBuf;
 
 /// A photograph `[height, width, 3]` in 0 to 1, upright, and its EXIF's focal length in millimetres of 35 mm film.
+type Photo<'py> = (Bound<'py, PyArray3<f32>>, Option<f64>);
+
+/// Of a file.
 #[pyfunction]
-pub(crate) fn read_photo(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyArray3<f32>>, Option<f64>)> {
+pub(crate) fn read_photo(py: Python<'_>, path: PathBuf) -> PyResult<Photo<'_>> {
     let photo = py.detach(|| read_image(&path)).map_err(raise)?;
     Ok((photo.pixels.into_pyarray(py), photo.focal_35mm))
 }
 
-/// As [`read_photo`], of the bytes of a file.
+/// Of the bytes of a file.
 #[pyfunction]
-pub(crate) fn decode_photo<'py>(
-    py: Python<'py>,
-    data: &[u8],
-) -> PyResult<(Bound<'py, PyArray3<f32>>, Option<f64>)> {
+pub(crate) fn decode_photo<'py>(py: Python<'py>, data: &[u8]) -> PyResult<Photo<'py>> {
     let photo = py.detach(|| decode_image(data)).map_err(raise)?;
     Ok((photo.pixels.into_pyarray(py), photo.focal_35mm))
 }
@@ -35,12 +35,9 @@ pub(crate) fn save_npy(py: Python<'_>, path: PathBuf, map: PyReadonlyArray2<'_, 
 
 /// The PNG of an image `[height, width, 3]`.
 #[pyfunction]
-pub(crate) fn encode_png<'py>(
-    py: Python<'py>,
-    image: PyReadonlyArray3<'py, u8>,
-) -> PyResult<Bound<'py, PyBytes>> {
+pub(crate) fn encode_png(py: Python<'_>, image: PyReadonlyArray3<'_, u8>) -> PyResult<Py<PyBytes>> {
     let image = image.as_array();
-    Ok(PyBytes::new(py, &py.detach(|| encode_rgb_png(image)).map_err(raise)?))
+    Ok(PyBytes::new(py, &py.detach(|| encode_rgb_png(image)).map_err(raise)?).unbind())
 }
 
 /// A map in colours `[height, width, 3]`, from 1 % to 99 % of its known values, and these two.

@@ -72,9 +72,12 @@ pub(crate) fn edge_curve<'py>(
     threshold: f64,
     tolerance: u32,
 ) -> PyResult<Option<Table<'py>>> {
-    let maps = (prediction.as_array(), truth.as_array(), mask.as_array());
-    let found =
-        py.detach(|| edges::edge_curve(maps.0, maps.1, maps.2, threshold, tolerance)).map_err(raise)?;
+    let (prediction, truth, mask) = (prediction.as_array(), truth.as_array(), mask.as_array());
+    let found = py.detach(|| {
+        let true_edges = edges::edges(truth, mask, threshold)?;
+        edges::edge_curve(prediction, mask, &true_edges, tolerance)
+    });
+    let found = found.map_err(raise)?;
     Ok(found.map(|curve| {
         let rows: Vec<_> = curve.points.iter().map(|p| [p.threshold, p.precision, p.recall]).collect();
         Array2::from(rows).into_pyarray(py)

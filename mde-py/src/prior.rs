@@ -29,7 +29,6 @@ pub(crate) struct Prior(Source);
 impl Prior {
     /// A network in an ONNX file, with the name or the file of its profile and the kind of its values.
     #[staticmethod]
-    #[pyo3(signature = (path, profile, kind, runtime, library, threads))]
     fn network(
         py: Python<'_>,
         path: PathBuf,
@@ -70,7 +69,6 @@ impl Prior {
 
     /// A depth map in a file; depth = value / `png_scale`.
     #[staticmethod]
-    #[pyo3(signature = (path, kind, png_scale))]
     fn file(path: PathBuf, kind: Option<&str>, png_scale: Option<f64>) -> PyResult<Self> {
         let kind = kind.map(named).transpose()?;
         let options = read_options("png_scale", png_scale).map_err(raise)?;

@@ -1,6 +1,8 @@
 //! Several photographs through the program.
 
-use crate::common::{Place, calibrations, finished, names, on_disk, ratios, rendered, wait_until};
+use crate::common::{
+    Place, SIZE, STUDY, calibrations, finished, names, on_disk, ratios, rendered, wait_until,
+};
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
@@ -14,19 +16,16 @@ use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
 
-const WIDTH: usize = 128;
-const HEIGHT: usize = 96;
 /// Enough where the poses are given.
 const SMALL: [usize; 2] = [96, 72];
 
 // At this size matches are few; this room has enough.
-static KITCHEN: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Kitchen, 3, [WIDTH, HEIGHT]));
-static STUDY: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Study, 4, [WIDTH, HEIGHT]));
+static KITCHEN: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Kitchen, 3, SIZE));
 
 const REFINE: &str = "refine images/0.png --prior-depth prior.npy --config quick.toml -q";
 
 fn fov(room: &Rendered) -> f64 {
-    2.0 * (0.5 * WIDTH as f64 / room.views[0].view.camera.fx).atan().to_degrees()
+    2.0 * (0.5 * SIZE[0] as f64 / room.views[0].view.camera.fx).atan().to_degrees()
 }
 
 /// The depth is that of the parallax, in the unit of the poses, as good as with a prior; one photograph alone needs a network.
@@ -96,7 +95,7 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
     assert!(place.has("capture/report.html") && place.has("capture/sigma.npy"));
     if let Some(peak) = record["peak_memory_bytes"].as_u64() {
         let config = Config::with_overrides(Preset::MultiView, &place.text("quick.toml"), "quick").unwrap();
-        let estimate = scene_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config);
+        let estimate = scene_bytes((SIZE[0] * SIZE[1]) as u64, 4, 2, &config);
         assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
     }
     let ratio = median(ratios(place.map("capture/depth.npy").view(), &STUDY.truth)).unwrap();
@@ -107,7 +106,7 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
 #[test]
 fn poses_are_written_and_read_again() {
     let place = on_disk(&KITCHEN);
-    write_image(place.path("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
+    write_image(place.path("black.png"), Array3::zeros((SIZE[1], SIZE[0], 3)).view()).unwrap();
     fs::create_dir(place.path("found")).unwrap();
     place.run(&format!("{REFINE} --views images --fov {} -o estimated", fov(&KITCHEN)));
     let estimated = place.record("estimated")["capture"].clone();

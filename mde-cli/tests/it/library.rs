@@ -8,6 +8,7 @@ use mde_cli::{Config, Event, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use std::ops::ControlFlow;
+use std::sync::LazyLock;
 
 pub(crate) const WIDTH: usize = 64;
 pub(crate) const HEIGHT: usize = 48;
@@ -61,6 +62,10 @@ pub(crate) fn rendered(room: Room, views: usize, [width, height]: [usize; 2]) ->
     let config = CaptureConfig { views, ..CaptureConfig::default() };
     World::new(room, 0).unwrap().capture("room", &config, width, height).unwrap()
 }
+
+/// Width and height of [`STUDY`].
+pub(crate) const SIZE: [usize; 2] = [128, 96];
+pub(crate) static STUDY: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Study, 4, SIZE));
 
 pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
     let photographs = rendered.views.iter().enumerate().map(|(index, known)| Photograph {

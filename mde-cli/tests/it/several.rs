@@ -1,6 +1,6 @@
 //! Several photographs through the library: a procedural room with exact depth and poses.
 
-use crate::library::{Known, config, go_on, inputs, ratios, rendered};
+use crate::library::{Known, SIZE, STUDY, config, go_on, inputs, ratios, rendered};
 use mde_cli::config::Order;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
@@ -14,8 +14,6 @@ use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use std::ops::ControlFlow;
-
-const SIZE: [usize; 2] = [128, 96];
 
 fn run(capture: &Scene, prior: &Known, config: &Config) -> Refinement {
     refine_several(capture, Stages::new(prior), config, &mut go_on).unwrap()
@@ -34,16 +32,15 @@ fn ratio(a: ArrayView2<'_, f32>, b: &Array2<f32>) -> f64 {
 /// As many rays per pixel as 700 steps have at 320x240, and a grid of that many cells.
 #[test]
 fn parallax_halves_the_typical_error_of_the_prior() {
-    let room = rendered(Room::Study, 4, SIZE);
-    let (capture, prior) = inputs(&room, true);
+    let (capture, prior) = inputs(&STUDY, true);
     let text = "nerf.train = { steps = 250, rays = 512 }\nnerf.field.finest = 128\n";
     let refined = run(&capture, &prior, &config(Preset::MultiView, text));
     let report = refined.capture.as_ref().unwrap();
     assert_eq!((report.fallback.as_deref(), report.used()), (None, 4));
     // The median after the median alignment: at this size edges are too coarse for a mean.
     let typical_error = |depth: ArrayView2<'_, f32>| {
-        let scale = ratio(depth, &room.truth);
-        median(ratios(depth, &room.truth).map(|ratio| (ratio / scale - 1.0).abs())).unwrap()
+        let scale = ratio(depth, &STUDY.truth);
+        median(ratios(depth, &STUDY.truth).map(|ratio| (ratio / scale - 1.0).abs())).unwrap()
     };
     let depth = refined.depth.mean();
     let (before, after) = (typical_error(refined.prior.view()), typical_error(depth));
@@ -70,7 +67,7 @@ fn parallax_halves_the_typical_error_of_the_prior() {
     // The capture's unit is that of its poses.
     let refined = refined.in_capture_unit().unwrap();
     // Poses of a rendered room are exact and in metres, as is its truth.
-    let metres = ratio(refined.depth.mean(), &room.truth);
+    let metres = ratio(refined.depth.mean(), &STUDY.truth);
     assert!((metres.ln()).abs() < 0.05, "{metres}");
     // Poses stay in the unit of the depth; one that is shifted too has none.
     let placed = |r: &Refinement| r.capture.as_ref().unwrap().photographs[1].pose.map(|rows| rows[0][3]);
@@ -248,7 +245,7 @@ fn the_pose_of_the_reference_is_uncertain_to_the_others() {
 /// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
 #[test]
 fn any_number_of_threads_gives_the_same_bytes() {
-    let (capture, prior) = inputs(&rendered(Room::Study, 4, SIZE), false);
+    let (capture, prior) = inputs(&STUDY, false);
     let config = short("");
     let refine = |threads: usize, at_once: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

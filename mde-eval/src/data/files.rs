@@ -1,4 +1,7 @@
 use crate::{Error, Result};
+use mde_prior::format::{ReadOptions, read_depth};
+use mde_prior::photo::read_image;
+use ndarray::{Array2, Array3};
 use serde::de::DeserializeOwned;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -118,6 +121,17 @@ pub(super) fn id(root: &Path, scene: &Path) -> String {
         return root.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned());
     }
     parts.join("/")
+}
+
+/// An image `[height, width, 3]` with the depth map of its pixels.
+pub(super) fn read_pair(
+    image: &Path,
+    depth: &Path,
+    options: &ReadOptions,
+) -> Result<(Array3<f32>, Array2<f32>)> {
+    let (image, map) = (read_image(image)?.pixels, read_depth(depth, options)?);
+    same_size(depth, map.dim(), image.dim())?;
+    Ok((image, map))
 }
 
 /// Checks that depth and image are of one size.

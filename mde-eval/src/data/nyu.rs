@@ -1,8 +1,7 @@
-use super::files::{entries, files_with, find_scenes, id, same_size};
+use super::files::{entries, files_with, find_scenes, id, read_pair};
 use super::{DataSet, Sample, out_of_range};
 use crate::{Error, Result};
-use mde_prior::format::{ReadOptions, read_depth};
-use mde_prior::photo::read_image;
+use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,10 +85,8 @@ impl DataSet for Nyu {
         let (Some((image_path, depth_path)), Some(id)) = (self.pairs.get(index), self.ids.get(index)) else {
             return Err(out_of_range(index, self.pairs.len()));
         };
-        let image = read_image(image_path)?.pixels;
         let options = ReadOptions { png_scale: Some(1000.0), ..ReadOptions::default() };
-        let depth = read_depth(depth_path, &options)?;
-        same_size(depth_path, depth.dim(), image.dim())?;
+        let (image, depth) = read_pair(image_path, depth_path, &options)?;
         let (height, width) = depth.dim();
         if width * 480 != height * 640 {
             let reason = format!(

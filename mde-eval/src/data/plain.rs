@@ -1,8 +1,7 @@
-use super::files::{Scenes, only_file, read_text, same_size};
+use super::files::{Scenes, only_file, read_pair, read_text};
 use super::{DataSet, Sample, assumed};
 use crate::{Error, Result};
-use mde_prior::format::{ReadOptions, read_depth};
-use mde_prior::photo::read_image;
+use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
 use serde::Deserialize;
 use std::path::Path;
@@ -59,13 +58,12 @@ impl DataSet for PlainFolders {
         let fault = |reason| Error::Layout { path: path.clone(), reason };
         let description = PlainScene::parse(&read_text(&path)?).map_err(fault)?;
         let endings = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
-        let image = read_image(only_file(scene, Some("color"), &endings)?)?.pixels;
-        let depth_path = only_file(scene, Some("depth"), &["png", "npy", "npz", "pfm", "exr"])?;
+        let image = only_file(scene, Some("color"), &endings)?;
+        let depth = only_file(scene, Some("depth"), &["png", "npy", "npz", "pfm", "exr"])?;
         let options = description.depth_units_per_metre.map_or_else(ReadOptions::default, |scale| {
             ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() }
         });
-        let depth = read_depth(&depth_path, &options)?;
-        same_size(&depth_path, depth.dim(), image.dim())?;
+        let (image, depth) = read_pair(&image, &depth, &options)?;
         let (height, width) = depth.dim();
         let known = description.camera(width, height).map_err(fault)?;
         let camera = match known {

@@ -1,10 +1,8 @@
-use super::files::{Scenes, only_file, read_text, same_size};
+use super::files::{Scenes, only_file, read_pair, read_text};
 use super::{DataSet, Sample, assumed};
 use crate::{Error, Result};
-use mde_prior::format::{ReadOptions, read_depth};
-use mde_prior::photo::read_image;
+use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
-use ndarray::Array2;
 use std::path::Path;
 
 /// SUN RGB-D (Song et al., CVPR 2015) in its published layout: any folder below the root that has both `image/` and
@@ -49,10 +47,12 @@ impl DataSet for SunRgbd {
 
     fn load(&self, index: usize) -> Result<Sample> {
         let (scene, id) = self.scenes.get(index)?;
-        let image = read_image(only_file(&scene.join("image"), None, &["jpg", "jpeg", "png"])?)?.pixels;
-        let depth_path = only_file(&scene.join("depth"), None, &["png"])?;
-        let depth = read_sensor(&depth_path)?;
-        same_size(&depth_path, depth.dim(), image.dim())?;
+        let image = only_file(&scene.join("image"), None, &["jpg", "jpeg", "png"])?;
+        let depth = only_file(&scene.join("depth"), None, &["png"])?;
+        // A scale of 1 leaves each sample as it is, within the integers that a float holds.
+        let options = ReadOptions { png_scale: Some(1.0), ..ReadOptions::default() };
+        let (image, rotated) = read_pair(&image, &depth, &options)?;
+        let depth = rotated.mapv(|bits| (f64::from((bits as u16).rotate_right(3)) / 1000.0) as f32);
         let file = scene.join("intrinsics.txt");
         let assumed_camera = !file.is_file();
         let camera = match assumed_camera {
@@ -61,13 +61,6 @@ impl DataSet for SunRgbd {
         };
         Ok(Sample { assumed_camera, trusted_depth: 8.0, ..Sample::new(id, image, depth, camera) })
     }
-}
-
-/// Depth in metres, `[height, width]`, of a PNG with rotated bits.
-fn read_sensor(path: &Path) -> Result<Array2<f32>> {
-    // A scale of 1 leaves each sample as it is, within the integers that a float holds.
-    let raw = read_depth(path, &ReadOptions { png_scale: Some(1.0), ..ReadOptions::default() })?;
-    Ok(raw.mapv(|sample| (f64::from((sample as u16).rotate_right(3)) / 1000.0) as f32))
 }
 
 /// Nine numbers, row by row: `fx 0 cx 0 fy cy 0 0 1`, with pixels counted from 1.

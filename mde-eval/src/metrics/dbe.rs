@@ -1,8 +1,9 @@
 //! Depth boundary errors.
 
 use super::depth_range;
+use super::edges::Edges;
 use crate::Result;
-use crate::raster::{Gradient, Map, Mask, blur, distance_to, same_shape};
+use crate::raster::{Gradient, Map, Mask, blur, same_shape};
 use ndarray::Array2;
 use std::f64::consts::SQRT_2;
 
@@ -27,17 +28,17 @@ pub const LIMIT: f64 = 10.0;
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
-pub fn boundaries(map: Map<'_>, mask: Mask<'_>) -> Result<Array2<bool>> {
+pub fn boundaries(map: Map<'_>, mask: Mask<'_>) -> Result<Edges> {
     same_shape("the mask", mask.dim(), map.dim())?;
     let Some((low, high)) = depth_range(map, mask).filter(|(low, high)| high > low) else {
-        return Ok(Array2::from_elem(map.dim(), false));
+        return Ok(Edges::new(Array2::from_elem(map.dim(), false)));
     };
     let mut values = map.mapv(|d| f64::from((d - low) / (high - low)));
     values.zip_mut_with(&mask, |value, keep| *value = if *keep && value.is_finite() { *value } else { 0.0 });
     let weights = mask.mapv(|keep| f64::from(u8::from(keep)));
     let (mut smooth, share) = (blur(values, SQRT_2), blur(weights, SQRT_2));
     smooth.zip_mut_with(&share, |value, share| *value /= share + f64::EPSILON);
-    Ok(hysteresis(&Gradient::sobel(&smooth).thin(mask, 0.15), 0.3))
+    Ok(Edges::new(hysteresis(&Gradient::sobel(&smooth).thin(mask, 0.15), 0.3)))
 }
 
 /// Pixels above 0 that are joined, over eight neighbours, to one of at least `high`.
@@ -62,7 +63,7 @@ fn hysteresis(strength: &Array2<f64>, high: f64) -> Array2<bool> {
 }
 
 /// Depth boundary errors of Koch et al., "Evaluation of CNN-based single-image depth estimation methods" (ECCV Workshops 2018;
-/// iBims-1), of boundary pixels `predicted` against the `truth`'s, both `[height, width]`:
+/// iBims-1), of boundary pixels `predicted` against the `truth`'s:
 ///
 /// \\[ \varepsilon_{acc} = \frac{\sum_{x \in E_p,\\,d_g(x) < \theta} d_g(x)}{|\\{x \in E_p : d_g(x) < \theta\\}|},\qquad
 ///     \varepsilon_{com} = \frac{\sum_{x \in E_p} \min(d_g, \theta) + \sum_{x \in E_g} \min(d_p, \theta)}{|E_p| + |E_g|} \\]
@@ -73,18 +74,15 @@ fn hysteresis(strength: &Array2<f64>, high: f64) -> Array2<bool> {
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
-pub fn boundary_errors(predicted: Mask<'_>, truth: Mask<'_>) -> Result<Option<BoundaryErrors>> {
-    same_shape("the predicted boundary map", predicted.dim(), truth.dim())?;
-    if !truth.iter().any(|&edge| edge) {
-        return Ok(None);
-    }
-    if !predicted.iter().any(|&edge| edge) {
-        return Ok(Some(BoundaryErrors { accuracy: LIMIT, completeness: LIMIT }));
-    }
-    let distances = |from: Mask<'_>, to: Mask<'_>| -> Vec<f64> {
-        from.iter().zip(distance_to(to)).filter(|(edge, _)| **edge).map(|(_, d)| d).collect()
+pub fn boundary_errors(predicted: &Edges, truth: &Edges) -> Result<Option<BoundaryErrors>> {
+    same_shape("the predicted boundary map", predicted.pixels.dim(), truth.pixels.dim())?;
+    let distances = |from: &Edges, to: &Edges| -> Vec<f64> {
+        from.pixels.iter().zip(&to.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect()
     };
     let (forth, back) = (distances(predicted, truth), distances(truth, predicted));
+    if back.is_empty() {
+        return Ok(None);
+    }
     let near: Vec<f64> = forth.iter().copied().filter(|d| *d < LIMIT).collect();
     let accuracy = if near.is_empty() { LIMIT } else { near.iter().sum::<f64>() / near.len() as f64 };
     let cut: f64 = forth.iter().chain(&back).map(|d| d.min(LIMIT)).sum();
@@ -96,15 +94,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn line(at: usize) -> Array2<bool> {
-        Array2::from_shape_fn((20, 30), |(_, x)| x == at)
+    fn line(at: usize) -> Edges {
+        Edges::new(Array2::from_shape_fn((20, 30), |(_, x)| x == at))
     }
 
     proptest! {
         #[test]
         fn a_shifted_line_is_as_far_as_it_was_shifted(a in 0..30_usize, b in 0..30_usize) {
             let far = a.abs_diff(b) as f64;
-            let errors = boundary_errors(line(a).view(), line(b).view()).unwrap().unwrap();
+            let errors = boundary_errors(&line(a), &line(b)).unwrap().unwrap();
             prop_assert_eq!(errors.accuracy, if far < LIMIT { far } else { LIMIT });
             prop_assert_eq!(errors.completeness, far.min(LIMIT));
         }
@@ -114,26 +112,26 @@ mod tests {
             bits in proptest::collection::vec((0..30_u8, 0..30_u8), 18 * 22)
         ) {
             let map = |of: fn(&(u8, u8)) -> bool| {
-                Array2::from_shape_vec((18, 22), bits.iter().map(of).collect()).unwrap()
+                Edges::new(Array2::from_shape_vec((18, 22), bits.iter().map(of).collect()).unwrap())
             };
             let (p, g) = (map(|b| b.0 == 0), map(|b| b.1 == 0));
-            let Some(errors) = boundary_errors(p.view(), g.view()).unwrap() else { return Ok(()) };
+            let Some(errors) = boundary_errors(&p, &g).unwrap() else { return Ok(()) };
             prop_assert!((0.0..=LIMIT).contains(&errors.accuracy) && (0.0..=LIMIT).contains(&errors.completeness));
             prop_assert_eq!(errors.completeness == 0.0, p == g);
-            let back = boundary_errors(g.view(), p.view()).unwrap();
+            let back = boundary_errors(&g, &p).unwrap();
             // Completeness looks both ways alike; only the order of the sum differs.
             prop_assert!(back.is_none_or(|back| (back.completeness - errors.completeness).abs() < 1e-12));
-            let own = boundary_errors(g.view(), g.view()).unwrap().unwrap();
+            let own = boundary_errors(&g, &g).unwrap().unwrap();
             prop_assert_eq!((own.accuracy, own.completeness), (0.0, 0.0));
         }
     }
 
     #[test]
     fn nothing_predicted_is_the_limit_and_nothing_true_is_nothing() {
-        let none = Array2::from_elem((20, 30), false);
-        let errors = boundary_errors(none.view(), line(3).view()).unwrap().unwrap();
+        let none = Edges::new(Array2::from_elem((20, 30), false));
+        let errors = boundary_errors(&none, &line(3)).unwrap().unwrap();
         assert_eq!((errors.accuracy, errors.completeness), (LIMIT, LIMIT));
-        assert!(boundary_errors(line(3).view(), none.view()).unwrap().is_none());
-        assert!(boundary_errors(line(3).view(), Array2::from_elem((2, 2), true).view()).is_err());
+        assert!(boundary_errors(&line(3), &none).unwrap().is_none());
+        assert!(boundary_errors(&line(3), &Edges::new(Array2::from_elem((2, 2), true))).is_err());
     }
 }

@@ -8,6 +8,22 @@ use crate::error::check;
 use crate::raster::{Map, Mask, dilate, distance_to, erode, same_shape, sobel};
 use ndarray::{Array2, Zip};
 
+/// Marked pixels of a map, and how far every pixel is from them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Edges {
+    /// Whether a pixel is marked, `[height, width]`.
+    pub pixels: Array2<bool>,
+    /// Euclidean distance to the nearest marked pixel, `[height, width]`, in pixels; infinite where none is marked.
+    pub distance: Array2<f64>,
+}
+
+impl Edges {
+    /// Of marked pixels, `[height, width]`.
+    pub fn new(pixels: Array2<bool>) -> Self {
+        Self { distance: distance_to(pixels.view()), pixels }
+    }
+}
+
 /// \\(2PR / (P + R)\\), 0 where both are 0.
 pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
     if precision + recall > 0.0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 }
@@ -20,8 +36,8 @@ pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where map and mask differ.
-pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Array2<bool>> {
-    Ok(masked_gradient(map, mask)?.mapv(|g| f64::from(g) > threshold))
+pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Edges> {
+    Ok(Edges::new(masked_gradient(map, mask)?.mapv(|g| f64::from(g) > threshold)))
 }
 
 /// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
@@ -67,8 +83,8 @@ impl EdgeCurve {
     }
 }
 
-/// Edge precision and recall with a tolerance in pixels, the truth's threshold fixed and the prediction's swept; nothing where the truth
-/// has no edge.
+/// Edge precision and recall with a tolerance in pixels, the truth's edges fixed and the prediction's threshold swept; nothing where the
+/// truth has no edge.
 ///
 /// After Hu et al., "Revisiting single image depth estimation" (WACV 2019), with four repairs: the border is
 /// replicated instead of padded with zeros, [`edges`] stay a pixel away from the mask's border, \\(F = 0\\) where
@@ -77,42 +93,39 @@ impl EdgeCurve {
 /// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
 ///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
 ///
-/// Maps are `[height, width]` in metres, aligned; `threshold` is the gradient's, in metres with gain 8. [`EdgeCurve::at`] the same
-/// threshold is the F1 at a fixed threshold.
+/// Maps are `[height, width]` in metres, aligned. [`EdgeCurve::at`] the threshold of the truth's [`edges`] is the F1 at a fixed
+/// threshold.
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ; [`Error::Config`](crate::Error::Config) for a tolerance above 64 pixels.
 pub fn edge_curve(
     prediction: Map<'_>,
-    truth: Map<'_>,
     mask: Mask<'_>,
-    threshold: f64,
+    true_edges: &Edges,
     tolerance: u32,
 ) -> Result<Option<EdgeCurve>> {
     check([("the edge tolerance", tolerance.into(), tolerance <= 64, "use at most 64 pixels")])?;
-    same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let true_edges = edges(truth, mask, threshold)?;
-    let total = true_edges.iter().filter(|&&edge| edge).count();
+    same_shape("the prediction", prediction.dim(), true_edges.pixels.dim())?;
+    let total = true_edges.pixels.iter().filter(|&&edge| edge).count();
     if total == 0 {
         return Ok(None);
     }
     let gradient = masked_gradient(prediction, mask)?;
     // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
     let steepest = dilate(gradient.view(), tolerance);
-    let reached = true_edges.iter().zip(&steepest).filter(|&(&edge, &g)| edge && g > 0.0);
+    let reached = true_edges.pixels.iter().zip(&steepest).filter(|&(&edge, &g)| edge && g > 0.0);
     let mut found_at: Vec<f32> = reached.map(|(_, &g)| g).collect();
     found_at.sort_unstable_by(|a, b| b.total_cmp(a));
-    // Gradients with the distance to the true edges, the steepest first; flat pixels are no edges.
-    let distance = distance_to(true_edges.view());
-    let sloped = gradient.iter().zip(&distance).filter(|(g, _)| **g > 0.0);
-    let mut falling: Vec<(f32, f64)> = sloped.map(|(&g, &d)| (g, d)).collect();
+    // Gradients, and whether a true edge is near, the steepest first; flat pixels are no edges.
+    let sloped = gradient.iter().zip(&true_edges.distance).filter(|(g, _)| **g > 0.0);
+    let mut falling: Vec<(f32, bool)> = sloped.map(|(&g, &d)| (g, d <= f64::from(tolerance))).collect();
     falling.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
     let mut points = Vec::new();
     let (mut predicted, mut hits, mut found) = (0, 0, 0);
     for tied in falling.chunk_by(|a, b| a.0 == b.0) {
         let threshold = tied[0].0;
         predicted += tied.len();
-        hits += tied.iter().filter(|(_, distance)| *distance <= f64::from(tolerance)).count();
+        hits += tied.iter().filter(|(_, near)| *near).count();
         while found_at.get(found).is_some_and(|&g| g >= threshold) {
             found += 1;
         }
@@ -143,10 +156,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn count(edges: &Array2<bool>) -> usize {
-        edges.iter().filter(|&&edge| edge).count()
-    }
-
     fn maps() -> impl Strategy<Value = (Array2<f32>, Array2<f32>, Array2<bool>)> {
         (3..14_usize, 3..14_usize).prop_flat_map(|(h, w)| {
             // Few distinct depths make ties; one pixel in sixteen is masked out.
@@ -166,13 +175,14 @@ mod tests {
     proptest! {
         #[test]
         fn the_curve_at_a_threshold_is_the_score_there((p, g, mask) in maps(), r in 0..4_u32, t in 0.1..9.0_f64) {
-            let Some(curve) = edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap() else { return Ok(()) };
-            // The distance transform on one side, grey dilation on the other.
             let true_edges = edges(g.view(), mask.view(), 1.0).unwrap();
+            let Some(curve) = edge_curve(p.view(), mask.view(), &true_edges, r).unwrap() else { return Ok(()) };
+            // The distance transform on one side, grey dilation on the other.
             let predicted = edges(p.view(), mask.view(), t).unwrap();
-            let near = |by: &Array2<bool>| distance_to(by.view()).mapv(|d| d <= f64::from(r));
-            let found = |e: &Array2<bool>, by: &Array2<bool>| {
-                share(e.iter().zip(&near(by)).filter(|&(&e, &n)| e && n).count(), count(e))
+            let found = |of: &Edges, by: &Edges| {
+                let distances: Vec<f64> =
+                    of.pixels.iter().zip(&by.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect();
+                share(distances.iter().filter(|d| **d <= f64::from(r)).count(), distances.len())
             };
             let (precision, recall) = (found(&predicted, &true_edges), found(&true_edges, &predicted));
             let expected = EdgePoint { threshold: t, precision, recall };
@@ -182,8 +192,9 @@ mod tests {
 
         #[test]
         fn f1_max_does_not_see_contrast((p, g, mask) in maps(), gain in 0.01..100.0_f32, r in 0..3_u32) {
+            let true_edges = edges(g.view(), mask.view(), 1.0).unwrap();
             let f1_max = |p: &Array2<f32>| {
-                edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap().map(|curve| curve.f1_max())
+                edge_curve(p.view(), mask.view(), &true_edges, r).unwrap().map(|curve| curve.f1_max())
             };
             // A power of two scales every gradient without rounding.
             let gain = 2_f32.powi(gain.log2() as i32);
@@ -195,6 +206,7 @@ mod tests {
     fn without_edges_there_is_no_curve() {
         let flat = Array2::from_elem((6, 6), 2.0);
         let mask = Array2::from_elem((6, 6), true);
-        assert!(edge_curve(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap().is_none());
+        let none = edges(flat.view(), mask.view(), 0.25).unwrap();
+        assert!(edge_curve(flat.view(), mask.view(), &none, 1).unwrap().is_none());
     }
 }

@@ -3,7 +3,8 @@
 //! Steepness is no quality: noise and unsharp masking raise it. It is informative only beside its split into pixels near
 //! the true edges, where it should rise, and pixels away from them, where it should not.
 
-use crate::raster::{Map, Mask, distance_to, erode, gather, same_shape, sobel};
+use super::edges::Edges;
+use crate::raster::{Map, Mask, erode, gather, same_shape, sobel};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, Zip};
@@ -34,13 +35,13 @@ pub struct EdgeSplit {
 
 /// [`sharpness`] split by the distance to the true edges: `on` within `band` pixels (Euclidean), `off` beyond.
 ///
-/// `edges` are the truth's ([`edges::edges`](super::edges::edges)), `[height, width]`.
+/// `edges` are the truth's ([`edges::edges`](super::edges::edges)).
 ///
 /// # Errors
 /// As [`sharpness`].
-pub fn sharpness_by_edges(map: Map<'_>, mask: Mask<'_>, edges: Mask<'_>, band: f64) -> Result<EdgeSplit> {
-    same_shape("the edge map", edges.dim(), mask.dim())?;
-    split(map, mask, &distance_to(edges).mapv(|d| d <= band))
+pub fn sharpness_by_edges(map: Map<'_>, mask: Mask<'_>, edges: &Edges, band: f64) -> Result<EdgeSplit> {
+    same_shape("the edge map", edges.pixels.dim(), mask.dim())?;
+    split(map, mask, &edges.distance.mapv(|d| d <= band))
 }
 
 fn split(map: Map<'_>, mask: Mask<'_>, near: &Array2<bool>) -> Result<EdgeSplit> {

@@ -15,44 +15,63 @@ const MIN_RATIO: f64 = 1.1;
 /// Depths whose ratio is at most this are a tie.
 const TIE_RATIO: f64 = 1.01;
 
+/// Pairs of neighbouring superpixels of a truth whose depths differ.
+///
+/// Superpixels (SLIC) are those of the true disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask). A pair is that
+/// of the centres of two that touch and whose true depths differ by more than 10 %. Centres outside the mask or without depth are
+/// left out.
+#[derive(Debug, Clone)]
+pub struct SuperpixelPairs {
+    /// Row and column of both centres, and the order of their true depths.
+    pairs: Vec<(Pixel, Pixel, Ordering)>,
+    shape: Pixel,
+}
+
+type Pixel = (usize, usize);
+
+impl SuperpixelPairs {
+    /// Of a true depth and the pixels that count, `[height, width]`.
+    ///
+    /// # Errors
+    /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
+    pub fn new(truth: Map<'_>, mask: Mask<'_>) -> Result<Self> {
+        same_shape("the mask", mask.dim(), truth.dim())?;
+        let disparity = truth.mapv(|g| if g > 0.0 { g.recip() } else { 0.0 });
+        let (low, high) = depth_range(disparity.view(), mask).unwrap_or((0.0, 1.0));
+        let gain = if high > low { 100.0 / (high - low) } else { 1.0 };
+        let scaled = disparity.mapv(|d| (d - low) * gain);
+        let found = Superpixels::slic(scaled.view(), mask, SEGMENTS, COMPACTNESS, ITERATIONS)?;
+        let centre = |segment: u32| {
+            let place = found.centres.get(segment as usize).copied().flatten()?;
+            (mask[place] && truth[place] > 0.0).then_some(place)
+        };
+        let pair = |(a, b)| {
+            let (a, b) = (centre(a)?, centre(b)?);
+            let [first, second] = [a, b].map(|at| f64::from(truth[at]));
+            (first.max(second) > MIN_RATIO * first.min(second)).then(|| (a, b, order(truth, a, b)))
+        };
+        Ok(Self { pairs: found.neighbours().into_iter().filter_map(pair).collect(), shape: truth.dim() })
+    }
+}
+
 /// Depth discontinuity disagreement ratio (Miangoleh et al., CVPR 2021): share of the pairs of neighbouring superpixels whose order in
 /// the prediction (ties within 1 %) is not that in the truth; nothing where there are none. Blind to a scale of either side.
 ///
 /// \\[ \frac{1}{|Q|} \sum_{(a,b) \in Q} \mathbb 1\\{\operatorname{ord}(p_a, p_b) \ne \operatorname{ord}(g_a, g_b)\\},\qquad
 ///     \operatorname{ord}(u, v) = \begin{cases} +1 & u / v > 1.01 \\\\ -1 & v / u > 1.01 \\\\ 0 & \text{otherwise} \end{cases} \\]
 ///
-/// Superpixels (SLIC) are those of the true disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask), \\(Q\\) the
-/// pairs of centres of those that touch and whose true depths differ by more than 10 %. Centres outside the mask or without depth
-/// are left out. Maps are `[height, width]`.
+/// with \\(Q\\) the [`SuperpixelPairs`] of the truth \\(g\\); the prediction is `[height, width]`.
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
-pub fn d3r(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Result<Option<f64>> {
-    same_shape("the prediction", prediction.dim(), truth.dim())?;
-    same_shape("the mask", mask.dim(), truth.dim())?;
-    let disparity = truth.mapv(|g| if g > 0.0 { g.recip() } else { 0.0 });
-    let (low, high) = depth_range(disparity.view(), mask).unwrap_or((0.0, 1.0));
-    let gain = if high > low { 100.0 / (high - low) } else { 1.0 };
-    let scaled = disparity.mapv(|d| (d - low) * gain);
-    let found = Superpixels::slic(scaled.view(), mask, SEGMENTS, COMPACTNESS, ITERATIONS)?;
-    let centre = |segment: u32| {
-        let place = found.centres.get(segment as usize).copied().flatten()?;
-        (mask[place] && truth[place] > 0.0).then_some(place)
-    };
-    let (mut pairs, mut wrong) = (0_usize, 0_usize);
-    for (a, b) in found.neighbours() {
-        let (Some(a), Some(b)) = (centre(a), centre(b)) else { continue };
-        let [first, second] = [a, b].map(|at| f64::from(truth[at]));
-        if first.max(second) > MIN_RATIO * first.min(second) {
-            pairs += 1;
-            wrong += usize::from(order(prediction, a, b) != order(truth, a, b));
-        }
-    }
-    Ok((pairs > 0).then(|| wrong as f64 / pairs as f64))
+pub fn d3r(prediction: Map<'_>, truth: &SuperpixelPairs) -> Result<Option<f64>> {
+    same_shape("the prediction", prediction.dim(), truth.shape)?;
+    let wrong = truth.pairs.iter().filter(|(a, b, truth)| order(prediction, *a, *b) != *truth).count();
+    Ok((!truth.pairs.is_empty()).then(|| wrong as f64 / truth.pairs.len() as f64))
 }
 
 /// The order of two depths of a map.
-fn order(map: Map<'_>, a: (usize, usize), b: (usize, usize)) -> Ordering {
+fn order(map: Map<'_>, a: Pixel, b: Pixel) -> Ordering {
     let (a, b) = (f64::from(map[a]), f64::from(map[b]));
     if a > TIE_RATIO * b {
         Ordering::Greater
@@ -69,7 +88,7 @@ struct Superpixels {
     /// Segment of each pixel `[height, width]`, counted from 0; nothing where it is masked out.
     labels: Array2<Option<u32>>,
     /// Centre of each segment: row and column of its mean place, rounded; nothing where no pixel is left.
-    centres: Vec<Option<(usize, usize)>>,
+    centres: Vec<Option<Pixel>>,
 }
 
 impl Superpixels {
@@ -159,8 +178,9 @@ mod tests {
         let truth =
             Array2::from_shape_fn((60, 80), |(y, x)| if (x / 20 + y / 20) % 2 == 0 { 1.0 } else { 2.0 });
         let mask = Array2::from_elem((60, 80), true);
-        let of =
-            |prediction: &Array2<f32>, truth: &Array2<f32>| d3r(prediction.view(), truth.view(), mask.view());
+        let of = |prediction: &Array2<f32>, truth: &Array2<f32>| {
+            d3r(prediction.view(), &SuperpixelPairs::new(truth.view(), mask.view()).unwrap())
+        };
         assert_eq!(of(&truth, &truth).unwrap(), Some(0.0));
         assert_eq!(of(&truth.mapv(f32::recip), &truth).unwrap(), Some(1.0));
         let flat = Array2::from_elem((60, 80), 3.0);

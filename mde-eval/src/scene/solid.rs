@@ -59,15 +59,12 @@ impl Body {
     /// The axis-aligned bounds in the room: smallest and largest corner.
     pub(super) fn bounds(&self) -> (Vector, Vector) {
         let to_room = self.to_local.transpose();
+        let about_origin = |reach: Vector| (self.origin - reach, self.origin + reach);
         match self.shape {
-            Shape::Block(half) => {
-                let reach = to_room.abs() * half;
-                (self.origin - reach, self.origin + reach)
-            }
+            Shape::Block(half) => about_origin(to_room.abs() * half),
             Shape::Ellipsoid(radii) => {
                 let scaled = to_room * Matrix3::from_diagonal(&radii);
-                let reach = Vector::from_fn(|i, _| scaled.row(i).norm());
-                (self.origin - reach, self.origin + reach)
+                about_origin(Vector::from_fn(|i, _| scaled.row(i).norm()))
             }
             Shape::Frustum { length, bottom, top } => {
                 let axis: Vector = to_room.column(2).into();

@@ -1,18 +1,18 @@
-use super::Aligned;
+use super::truth::Truth;
 use crate::Result;
 use crate::metrics::boundary::boundary_f1;
 use crate::metrics::dbe::{BoundaryErrors, boundaries, boundary_errors};
-use crate::metrics::edges::{self, edge_curve};
+use crate::metrics::edges::{Edges, edge_curve};
 use crate::metrics::sharpness::{EdgeSplit, sharpness, sharpness_by_edges};
 use crate::metrics::superpixel::d3r;
-use crate::raster::gather;
+use crate::raster::{Map, gather};
 
 /// Thresholds of the edge scores, metres of Sobel gradient (gain 8).
-const EDGE_THRESHOLDS: [f64; 2] = [0.25, 0.5];
+pub(super) const EDGE_THRESHOLDS: [f64; 2] = [0.25, 0.5];
 /// Tolerance of the edge scores, pixels.
 const EDGE_TOLERANCE: u32 = 1;
-/// Threshold of the truth's edges between on-edge and off-edge sharpness.
-const BAND_THRESHOLD: f64 = 0.5;
+/// The truth's edges between on-edge and off-edge sharpness: those at 0.5 m of [`EDGE_THRESHOLDS`].
+const BAND_EDGES: usize = 1;
 /// How far from a true edge a pixel is still on it, pixels.
 const BAND: f64 = 3.0;
 
@@ -43,30 +43,29 @@ pub(super) struct EdgeScores {
 }
 
 impl DepthMap {
-    pub(super) fn new(aligned: &Aligned) -> Result<Self> {
-        let (map, truth, mask) = (aligned.depth.view(), aligned.truth.view(), aligned.pixels.view());
-        let edge_scores = |threshold| {
-            let curve = edge_curve(map, truth, mask, threshold, EDGE_TOLERANCE)?;
+    pub(super) fn new(map: Map<'_>, truth: &Truth) -> Result<Self> {
+        let (true_depth, mask) = (truth.depth.view(), truth.pixels.view());
+        let edge_scores = |(threshold, true_edges): (f64, &Edges)| {
+            let curve = edge_curve(map, mask, true_edges, EDGE_TOLERANCE)?;
             // One point of the curve is the fixed threshold's score; without true edges it is 0.
             let f1 = curve.as_ref().map_or(0.0, |curve| curve.at(threshold).f1());
             Ok(EdgeScores { f1, f1_max: curve.map(|curve| curve.f1_max()) })
         };
-        let errors = || -> Result<_> {
-            let [predicted, known] = [boundaries(map, mask)?, boundaries(truth, mask)?];
-            boundary_errors(predicted.view(), known.view())
-        };
-        let (edges, (boundaries, d3r)) = rayon::join(
-            || EDGE_THRESHOLDS.into_iter().map(edge_scores).collect::<Result<_>>(),
-            || (errors(), d3r(map, truth, mask)),
+        let (edges, (boundaries, boundary_f1)) = rayon::join(
+            || EDGE_THRESHOLDS.into_iter().zip(&truth.edges).map(edge_scores).collect::<Result<_>>(),
+            || {
+                let errors = boundaries(map, mask).and_then(|own| boundary_errors(&own, &truth.boundaries));
+                (errors, boundary_f1(map, true_depth, mask))
+            },
         );
         Ok(Self {
             predicted: gather(map, mask),
-            true_depths: gather(truth, mask),
+            true_depths: gather(true_depth, mask),
             edges: edges?,
-            split: sharpness_by_edges(map, mask, edges::edges(truth, mask, BAND_THRESHOLD)?.view(), BAND)?,
+            split: sharpness_by_edges(map, mask, &truth.edges[BAND_EDGES], BAND)?,
             boundaries: boundaries?,
-            d3r: d3r?,
-            boundary_f1: boundary_f1(map, truth, mask)?,
+            d3r: d3r(map, &truth.superpixels)?,
+            boundary_f1: boundary_f1?,
             sharpness: sharpness(map, mask).ok(),
         })
     }

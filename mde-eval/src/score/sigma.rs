@@ -1,3 +1,4 @@
+use super::Aligned;
 use crate::Result;
 use crate::align::Alignment;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
@@ -7,7 +8,6 @@ use crate::metrics::sparsification::{
 };
 use crate::raster::Map;
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
-use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
 /// Curves of the uncertainty of one map, for figures and for factors of sigma fitted on other maps.
@@ -47,16 +47,16 @@ pub(super) struct SigmaMap {
 }
 
 impl SigmaMap {
-    /// Of a prediction and its sigma, with the aligned prediction, the truth and the pixels that count; nothing where no pixel has
-    /// an uncertainty.
+    /// Of a prediction and its sigma; nothing where no pixel has an uncertainty.
     pub(super) fn new(
         prediction: Map<'_>,
         sigma: Map<'_>,
-        (aligned, truth, pixels): (Map<'_>, Map<'_>, &Array2<bool>),
+        aligned: &Aligned,
         alignment: &Alignment,
     ) -> Result<Option<Self>> {
         let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());
-        let values = prediction.into_iter().zip(sigma).zip(aligned).zip(truth).zip(pixels);
+        let values =
+            prediction.iter().zip(sigma).zip(&aligned.depth).zip(&aligned.truth).zip(&aligned.pixels);
         for ((((&p, &sigma), &aligned), &truth), &keep) in values {
             let scaled = alignment.sigma(f64::from(p), f64::from(sigma));
             if keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite() {

@@ -1,11 +1,12 @@
 use super::{close, waves};
 use crate::capture::Capture;
 use crate::error::check;
+use crate::raster::same_shape;
 use crate::scene::World;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::derived_seed;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, s};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
 use serde::Serialize;
 
 /// Faults of a [`SimulatedModel`].
@@ -100,10 +101,7 @@ impl Known {
     fn new(image: ArrayView3<'_, f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
         config.validate()?;
         let (height, width, _) = image.dim();
-        if depth.dim() != (height, width) {
-            let found = [depth.nrows(), depth.ncols()];
-            return Err(Error::Shape { what: "the depth", found, expected: [height, width] });
-        }
+        same_shape("the depth", depth.dim(), (height, width))?;
         if let Some((index, z)) = depth.iter().enumerate().find(|(_, z)| !(**z > 0.0 && z.is_finite())) {
             let (what, value) = ("the depth", f64::from(*z));
             return Err(Error::Value { what, index, value, expected: "positive and finite everywhere" });
@@ -112,7 +110,7 @@ impl Known {
         let bend = waves(depth.dim(), ("simulated-model", config.seed, 0));
         let kept = close(depth, &Array2::from_elem(depth.dim(), true), radius);
         let disparity =
-            ndarray::Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
+            Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
         Ok(Self { image: image.to_owned(), disparity, config })
     }
 

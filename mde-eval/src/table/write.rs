@@ -13,19 +13,13 @@ use std::io::Write;
 pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
     let fault = |error: csv::Error| Error::Method(format!("the scores can't be written: {error}"));
     let mut writer = csv::Writer::from_writer(to);
-    writer
-        .write_record(
-            ["scene", "place", "method", "seed", "alignment"]
-                .into_iter()
-                .chain(METRICS.iter().map(|metric| metric.key)),
-        )
-        .map_err(fault)?;
+    let heads = ["scene", "place", "method", "seed", "alignment"].into_iter();
+    writer.write_record(heads.chain(METRICS.iter().map(|metric| metric.key))).map_err(fault)?;
     for entry in entries {
         let value = |metric: &Metric| entry.values.get(metric.key).map_or_else(String::new, f64::to_string);
         let values = METRICS.iter().map(value);
         let Entry { scene, method, seed, alignment, .. } = entry;
-        let place = entry.place().to_owned();
-        let names = [inert(scene), inert(&place), inert(method), seed.to_string(), alignment.clone()];
+        let names = [inert(scene), inert(entry.place()), inert(method), seed.to_string(), alignment.clone()];
         writer.write_record(names.into_iter().chain(values)).map_err(fault)?;
     }
     writer.flush().map_err(|error| fault(error.into()))

@@ -3,8 +3,8 @@
 use approx::assert_relative_eq;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_uncertainty::statistics::{average_ranks, spearman};
-use mde_eval::metrics::edges::edge_curve;
-use mde_eval::metrics::superpixel::d3r;
+use mde_eval::metrics::edges::{edge_curve, edges};
+use mde_eval::metrics::superpixel::{SuperpixelPairs, d3r};
 use mde_eval::metrics::{calibration, dbe, depth};
 use mde_eval::ndarray::Array2;
 use mde_eval::score::{ScoreConfig, Subject, score};
@@ -87,7 +87,8 @@ fn edge_scores() {
     for case in r.expected["edges"].as_array().unwrap() {
         let threshold = case["threshold"].as_f64().unwrap();
         let tolerance = case["tolerance"].as_u64().unwrap() as u32;
-        let curve = edge_curve(p, g, m, threshold, tolerance).unwrap().unwrap();
+        let true_edges = edges(g, m, threshold).unwrap();
+        let curve = edge_curve(p, m, &true_edges, tolerance).unwrap().unwrap();
         let found = curve.at(threshold);
         for (found, expected) in
             [found.precision, found.recall, found.f1()].into_iter().zip(numbers(&case["fixed"]))
@@ -150,12 +151,13 @@ fn boundaries_order_and_ties() {
     let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
     let canny: Vec<Vec<usize>> = serde_json::from_value(r.expected["canny"].clone()).unwrap();
     for (map, expected) in [p, g].into_iter().zip(canny) {
-        let found = dbe::boundaries(map, m).unwrap();
+        let found = dbe::boundaries(map, m).unwrap().pixels;
         let at = found.iter().enumerate().filter(|(_, e)| **e).map(|(k, _)| k).collect::<Vec<_>>();
         assert_eq!(at, expected);
     }
-    near(d3r(r.sigma.view(), g, m).unwrap().unwrap(), r.value("d3r"));
-    assert_eq!(d3r(p, g, m).unwrap(), Some(0.0));
+    let pairs = SuperpixelPairs::new(g, m).unwrap();
+    near(d3r(r.sigma.view(), &pairs).unwrap().unwrap(), r.value("d3r"));
+    assert_eq!(d3r(p, &pairs).unwrap(), Some(0.0));
 
     let sigma: Vec<f64> = r.list(&r.sigma).iter().map(|s| s * r.value("median")).collect();
     let errors: Vec<f64> = r.list(&r.aligned).iter().zip(r.list(&r.truth)).map(|(p, g)| p - g).collect();

@@ -4,7 +4,7 @@ use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_uncertainty::random::CounterRng;
 use mde_eval::ndarray::{Array2, Zip};
 use mde_eval::scene::{Room, room};
-use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned};
+use mde_eval::score::{ScoreConfig, Scores, Subject, TruthCache, score, score_aligned};
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -119,6 +119,19 @@ fn shared_and_own_alignment_differ_as_they_should() {
     assert!((under(&shared).values["abs_rel"] - 0.1).abs() < 1e-5);
     assert_eq!(under(&shared).rule, None);
     assert!(scored(&other, &truth, AlignmentRule::Median).values["abs_rel"] < 1e-6);
+}
+
+/// Whichever prediction comes first, and whatever pixels it leaves.
+#[test]
+fn a_cache_of_the_truth_changes_no_score() {
+    let (truth, cache, config) = (study(), TruthCache::default(), ScoreConfig::default());
+    let mut holes = truth.clone();
+    holes.row_mut(60).fill(0.0);
+    for prediction in [truth.mapv(|z| z.powf(0.9)), holes, truth.mapv(|z| z.powf(1.1))] {
+        let alone = Subject::new(prediction.view(), truth.view());
+        let cached = Subject { cache: Some(&cache), ..alone };
+        assert_eq!(score(&cached, &config).unwrap(), score(&alone, &config).unwrap());
+    }
 }
 
 #[test]

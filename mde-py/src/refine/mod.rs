@@ -41,7 +41,6 @@ type Made = (Vec<(Outcome, Option<Pose>)>, Option<String>);
 
 /// Refines the depth of the first photograph, or of `every` one: a dictionary of `results`, `poses` and the record `run` of all.
 #[pyfunction]
-#[pyo3(signature = (prior, settings, arguments, every, model, progress))]
 pub(crate) fn refine<'py>(
     py: Python<'py>,
     prior: &Prior,

@@ -5,14 +5,14 @@ use super::{Object, Watched, server};
 use crate::error::{keywords, message, raise};
 use crate::prior::Prior;
 use crate::settings::Settings;
-use crate::worker::{self, Link};
+use crate::worker::{self, Link, lock};
 use mde_cli::mde_mvs::poses::Prepared;
 use mde_cli::refiner::Refiner;
 use mde_cli::refiner::same_scale::{self, groups_warning};
 use mde_cli::scene::SameScale;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Factor, standard deviation of its logarithm, group, photographs in the group.
 pub(super) type Factor = (f64, f64, usize, usize);
@@ -44,7 +44,6 @@ impl OneScale {
     }
 
     /// Adds the next photographs, nothing for those that can't be read. The result is the number of matching pairs.
-    #[pyo3(signature = (prior, settings, photographs, model, threads))]
     fn add<'py>(
         &self,
         py: Python<'py>,
@@ -58,10 +57,10 @@ impl OneScale {
         let mut errors = Vec::new();
         let mut opened = |one: Arguments<'py>| Inputs::new(one).map_err(|error| errors.push(error)).ok();
         let inputs: Vec<_> = photographs.into_iter().map(|one| one.and_then(&mut opened)).collect();
-        let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outcome = lock(&self.outcome);
         let outcome = &mut *outcome;
         worker::run(py, threads, server(py, model, None), |link| {
-            let mut scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut scale = lock(&self.scale);
             let tried: Vec<Option<Result<Prepared, String>>> = prior.open(link, |open| {
                 let refiner = Refiner::new(open, settings.0.clone()).map_err(message)?;
                 let one = |one: Option<Inputs>| Some(prepared(&scale, link, &refiner, one?));
@@ -83,11 +82,11 @@ impl OneScale {
 
     /// The factor of each photograph, and a warning where they are of several groups.
     fn factors(&self) -> PyResult<(Vec<Factor>, Option<String>)> {
-        let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outcome = lock(&self.outcome);
         if let Some(error) = outcome.first_error.take().filter(|_| !outcome.prepared) {
             return Err(error);
         }
-        let scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
+        let scale = lock(&self.scale);
         let factors = scale.factors().map_err(raise)?;
         let warning = groups_warning(&factors, "SameScale.group").map(|text| keywords(&text));
         let factor = |found: SameScale| (found.factor, found.log_sigma, found.group, found.photographs);

@@ -13,7 +13,7 @@ use mde_cli::scene::size::byte;
 use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::{IntoPyDict, PyBytes};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -115,16 +115,11 @@ impl Outcome {
     }
 
     pub(super) fn into_dict(self, py: Python<'_>) -> PyResult<Object<'_>> {
-        let parts = PyDict::new(py);
-        for (name, map) in self.maps {
-            parts.set_item(name, map.map(|map| map.into_pyarray(py)))?;
-        }
+        let maps = self.maps.into_iter().map(|(name, map)| (name, map.map(|map| map.into_pyarray(py))));
+        let parts = maps.into_py_dict(py)?;
         for (name, group) in [("components", self.components), ("evidence", self.evidence)] {
-            let by_name = PyDict::new(py);
-            for (name, map) in group {
-                by_name.set_item(name, map.into_pyarray(py))?;
-            }
-            parts.set_item(name, by_name)?;
+            let by_name = group.into_iter().map(|(name, map)| (name, map.into_pyarray(py)));
+            parts.set_item(name, by_name.into_py_dict(py)?)?;
         }
         parts.set_item("image", self.image.into_pyarray(py))?;
         parts.set_item("_exact", self.exact.map(|image| image.into_pyarray(py)))?;
@@ -132,11 +127,8 @@ impl Outcome {
         parts.set_item("camera", (fx, fy, cx, cy, width, height))?;
         parts.set_item("run", self.run)?;
         parts.set_item("config", self.config)?;
-        let pictures = PyDict::new(py);
-        for (name, picture) in self.pictures {
-            pictures.set_item(name, picture.into_pyarray(py))?;
-        }
-        parts.set_item("_pictures", pictures)?;
+        let pictures = self.pictures.into_iter().map(|(name, picture)| (name, picture.into_pyarray(py)));
+        parts.set_item("_pictures", pictures.into_py_dict(py)?)?;
         let strip: Vec<_> = self.strip.into_iter().map(|picture| picture.into_pyarray(py)).collect();
         parts.set_item("_strip", strip)?;
         parts.set_item("field", self.field.map(|field| PyBytes::new(py, &field)))?;

@@ -65,17 +65,14 @@ pub(crate) fn save_result(
     let [confidence, error] =
         [(CertaintyMeaning::Confidence, &parts.confidence), (CertaintyMeaning::Error, &parts.error)]
             .map(|(meaning, map)| map.as_ref().map(|map| (meaning, map.as_array())));
+    let pictures = parts.pictures.iter().map(|(name, one)| (name.clone(), one.as_array().to_owned()));
     let (sigma, prior, image) = (parts.sigma.as_array(), parts.prior.as_array(), parts.image.as_array());
     let beside = Beside {
         more: named(&parts.more),
         components: named(&parts.components),
         certainty: confidence.or(error),
         evidence: named(&parts.evidence),
-        pictures: parts
-            .pictures
-            .iter()
-            .map(|(name, one)| (name.clone(), one.as_array().to_owned()))
-            .collect(),
+        pictures: pictures.collect(),
         strip: parts.strip.iter().map(|one| one.as_array().to_owned()).collect(),
         truth: None,
     };

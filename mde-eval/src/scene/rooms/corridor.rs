@@ -1,9 +1,4 @@
-use super::{Setting, WARM, eye, light};
-use crate::scene::furniture::{
-    Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, table, table_lamp, window,
-};
-use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
-use crate::scene::texture::{Colour, Material, Texture, rgb};
+use super::*;
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;

@@ -1,9 +1,4 @@
-use super::{DAY, Setting, WARM, eye, light};
-use crate::scene::furniture::{
-    Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, table, wall_shelf, window,
-};
-use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
-use crate::scene::texture::{Colour, Material, Texture, rgb};
+use super::*;
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;

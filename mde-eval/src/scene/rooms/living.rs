@@ -1,10 +1,4 @@
-use super::{DAY, Setting, WARM, eye, light};
-use crate::scene::furniture::{
-    Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, sofa, table, table_lamp,
-    window,
-};
-use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
-use crate::scene::texture::{Colour, Material, Texture, rgb};
+use super::*;
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;

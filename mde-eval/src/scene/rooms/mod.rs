@@ -9,10 +9,11 @@ mod study;
 mod workshop;
 
 use super::Room;
+use super::furniture::*;
 use super::render::{Eye, Light};
 use super::solid::Vector;
-use super::stage::Stage;
-use super::texture::Colour;
+use super::stage::{Stage, Stand, enamel, lean, metal, oak, walnut, wood};
+use super::texture::{Colour, Material, Texture, rgb};
 
 pub(super) fn furnish(room: Room, seed: u64) -> Setting {
     let stage = Stage::new(seed, &room.to_string());

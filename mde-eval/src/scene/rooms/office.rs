@@ -1,10 +1,4 @@
-use super::{DAY, Setting, eye, light};
-use crate::scene::furniture::{
-    Shell, Top, bookcase, cabinet, computer, crockery, desk_lamp, office_chair, plant, table, wall_shelf,
-    window,
-};
-use crate::scene::stage::{Stage, Stand, enamel, lean, metal, oak};
-use crate::scene::texture::{Colour, Material, Texture, rgb};
+use super::*;
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;

@@ -1,10 +1,4 @@
-use super::{DAY, Setting, WARM, eye, light};
-use crate::scene::furniture::{
-    Shell, Top, bookcase, chair, computer, desk_lamp, floor_lamp, picture, plant, rug, table, wall_shelf,
-    window,
-};
-use crate::scene::stage::{Stage, Stand, oak, walnut};
-use crate::scene::texture::{Colour, Material, Texture, rgb};
+use super::*;
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;
@@ -25,7 +19,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     computer(s, &desk.then(0.1, 0.05, 0.74), grain);
     desk_lamp(s, &desk.then(-0.58, 0.12, 0.74));
     let books = desk.then(0.5, 0.02, 0.74);
-    crate::scene::furniture::book_row(s, &books, 0.22, 0.22);
+    book_row(s, &books, 0.22, 0.22);
     let turn = s.between(-35.0, 35.0);
     chair(s, &Stand::at(0.2 + shift, depth - 1.25, 0.0).turned(180.0 + turn), walnut(grain), 4);
     // A second chair stands free nearer by: its legs are thin at any size.

@@ -1,7 +1,4 @@
-use super::{DAY, Setting, WARM, eye, light};
-use crate::scene::furniture::{Shell, Top, bar_stool, cabinet, desk_lamp, pendant, table, window};
-use crate::scene::stage::{Stage, Stand, enamel, lean, metal, oak, wood};
-use crate::scene::texture::{Colour, Material, Texture, rgb};
+use super::*;
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;
