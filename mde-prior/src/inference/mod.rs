@@ -1,11 +1,13 @@
 //! Networks that run in this process.
 
 mod graph;
+mod guard;
 mod onnx;
 #[cfg(feature = "onnxruntime")]
 mod onnxruntime;
 mod outline;
 mod points;
+mod rewrite;
 mod runtime;
 mod tract;
 

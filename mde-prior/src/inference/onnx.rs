@@ -20,7 +20,7 @@ const MAX_INPUT_PIXELS: usize = 1 << 24;
 const MAX_STRETCH: f64 = 1.5;
 
 /// Copies of the weights that a runtime keeps: as they are in the file, and as its kernels take them.
-const COPIES: u64 = 2;
+pub(super) const COPIES: u64 = 2;
 
 /// What runs a network.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -7,12 +7,8 @@ use std::path::{Path, PathBuf};
 
 use tract_onnx::pb::{GraphProto, ModelProto, TensorProto};
 use tract_onnx::prelude::*;
-use tract_onnx::tract_hir::internal::DimLike as _;
 
 use crate::{Error, FileKind, Result, open};
-
-/// Bytes of the largest tensor that a network may compute.
-const MAX_TENSOR: usize = 1 << 32;
 
 /// Calls the runtime; its panic becomes an error that names the file.
 pub(super) fn call<T>(path: &Path, work: impl FnOnce() -> Result<T>) -> Result<T> {
@@ -40,24 +36,6 @@ pub(super) fn shortened(text: &str) -> String {
         Some((end, _)) => format!("{} ...", &line[..end]),
         None => line,
     }
-}
-
-/// Refuses a network with a tensor that no machine for it holds, before it is allocated.
-pub(super) fn check_tensors(model: &TypedModel) -> Result<(), String> {
-    for node in model.nodes() {
-        for output in &node.outputs {
-            let sides = output.fact.shape.iter().filter_map(|side| side.to_usize().ok());
-            let bytes = sides.fold(output.fact.datum_type.size_of(), usize::saturating_mul);
-            if bytes > MAX_TENSOR {
-                return Err(format!(
-                    "{} computes a tensor of {} GiB; check the model and its input size",
-                    shortened(&node.name),
-                    bytes >> 30
-                ));
-            }
-        }
-    }
-    Ok(())
 }
 
 /// The graph in a file, without the weights that are elsewhere.

@@ -1,7 +1,10 @@
 //! Networks run by tract, which is part of the program.
 
 use super::graph::{Graph, Output, Port, image_input};
-use super::runtime::{check_tensors, one_line};
+use super::guard::{check_graph, check_shapes, check_tensors, name, place};
+use super::onnx::COPIES;
+use super::rewrite::rewrite;
+use super::runtime::{one_line, shortened};
 use crate::InferenceMemory;
 use pulp::{Arch, Simd, WithSimd};
 use std::cell::Cell;
@@ -26,6 +29,10 @@ pub(super) struct TractGraph {
     model: InferenceModel,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
+    /// The name of each node with its operator, as it is shown.
+    places: Vec<(String, String)>,
+    /// Bytes that its weights have more here than in the file.
+    grown: u64,
     /// The latest plans, by input shape and outputs, with the bytes of their tensors.
     plans: Mutex<Vec<(PlanKey, Plan, u64)>>,
 }
@@ -38,7 +45,19 @@ impl TractGraph {
         let cannot =
             |e: TractError| format!("the ONNX model cannot be run ({}); export it again", one_line(&e));
         let reader = tract_onnx::onnx().with_ignore_output_shapes(true);
-        let mut model = reader.model_for_path(path).map_err(cannot)?;
+        let mut file = reader.proto_model_for_path(path).map_err(cannot)?;
+        file.graph.as_ref().map_or(Ok(()), check_graph)?;
+        let nodes = file.graph.iter().flat_map(|graph| &graph.node);
+        let places = nodes.map(|node| (name(node).to_owned(), place(node))).collect();
+        let folder = path.parent().and_then(Path::to_str);
+        let grown = rewrite(&mut file, folder).map_err(cannot)?;
+        let read = reader.parse(&file, folder).map_err(cannot)?;
+        drop(file);
+        if !read.unresolved_inputs.is_empty() {
+            let names = shortened(&read.unresolved_inputs.join(", "));
+            return Err(format!("the ONNX model has no {names}; export it again"));
+        }
+        let mut model = read.model;
         let ports = |outlets: &[OutletId]| outlets.iter().map(|outlet| port(&model, *outlet)).collect();
         let inputs: Vec<Port> = ports(model.input_outlets().map_err(cannot)?);
         let outputs = ports(model.output_outlets().map_err(cannot)?);
@@ -46,7 +65,7 @@ impl TractGraph {
             let image = image_input(&inputs, Some(tokens))?;
             constant(&mut model, image, &inputs, tokens).map_err(cannot)?;
         }
-        Ok(Self { model, inputs, outputs, plans: Mutex::default() })
+        Ok(Self { model, inputs, outputs, places, grown, plans: Mutex::default() })
     }
 
     fn plan(&self, shape: [usize; 4], outputs: &[usize]) -> Result<(Plan, u64), String> {
@@ -58,7 +77,8 @@ impl TractGraph {
         }
         let refused = |e: TractError| {
             format!(
-                "the model takes no input of {shape:?} ({}); check its input size, or try ONNX Runtime",
+                "the model takes no input of {shape:?}{} ({}); check its input size, or try ONNX Runtime",
+                self.culprit(&e),
                 one_line(&e)
             )
         };
@@ -70,8 +90,9 @@ impl TractGraph {
             model.select_output_outlets(&wanted).map_err(refused)?;
         }
         let fact = InferenceFact::from(f32::fact(shape));
-        let model =
-            model.with_input_fact(0, fact).and_then(|model| model.into_optimized()).map_err(refused)?;
+        let model = model.with_input_fact(0, fact).map_err(refused)?;
+        check_shapes(model.clone())?;
+        let model = model.into_optimized().map_err(refused)?;
         check_tensors(&model)?;
         let bytes = tensor_bytes(&model).map_err(refused)?;
         let plan = model.into_runnable().map_err(refused)?;
@@ -80,6 +101,14 @@ impl TractGraph {
         }
         plans.push(((shape, outputs.to_vec()), Arc::clone(&plan), bytes));
         Ok((plan, bytes))
+    }
+
+    /// The operator that an error of tract names, which has parts of operators too.
+    fn culprit(&self, error: &TractError) -> String {
+        let text = format!("{error:#}");
+        let named = self.places.iter().filter(|(name, _)| text.contains(&format!("\"{name}")));
+        let longest = named.max_by_key(|(name, _)| name.len());
+        longest.map_or_else(String::new, |(_, place)| format!(": {place} fails"))
     }
 }
 
@@ -111,7 +140,10 @@ impl Graph for TractGraph {
     }
 
     fn memory(&self, shape: [usize; 4], outputs: &[usize]) -> Result<InferenceMemory, String> {
-        Ok(InferenceMemory { model: 0, prediction: self.plan(shape, outputs)?.1 })
+        Ok(InferenceMemory {
+            model: COPIES.saturating_mul(self.grown),
+            prediction: self.plan(shape, outputs)?.1,
+        })
     }
 
     fn concurrency(&self) -> usize {

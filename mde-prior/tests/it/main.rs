@@ -4,6 +4,8 @@
 mod at_once;
 mod formats;
 #[cfg(feature = "onnx")]
+mod graphs;
+#[cfg(feature = "onnx")]
 mod onnx;
 mod photo;
 mod priors;

@@ -198,11 +198,11 @@ fn an_output_that_is_not_there_is_named() {
 
 /// ONNX Runtime against tract. It needs the library: the package onnxruntime of the active Python, or ORT_DYLIB_PATH.
 #[cfg(feature = "onnxruntime")]
-mod onnxruntime {
+pub(super) mod onnxruntime {
     use super::*;
     use mde_prior::{Runtime, find_onnxruntime};
 
-    fn agree(path: &Path, spec: &ModelSpec, image: &Array3<f32>) {
+    pub(crate) fn agree(path: &Path, spec: &ModelSpec, image: &Array3<f32>) {
         let library = find_onnxruntime(None).unwrap();
         let tract = OnnxPrior::open(path, spec).unwrap();
         let other = OnnxPrior::open_with(path, spec, &Runtime::OnnxRuntime(library)).unwrap();
