@@ -29,7 +29,7 @@ const FILTERS: i32 = 2;
 const ROUNDS: usize = 2;
 /// Change of inverse depth at most, as a factor.
 const MOST: f64 = 3.0;
-/// Ridge of the slopes, as a share of the spread of the pixels.
+/// Ridge of a slope, as a share of the spread of the pixels along it.
 const RIDGE: f64 = 0.001;
 
 /// Weight, then its products: `x`, `y`, `xx`, `xy`, `yy`, `w`, `wx`, `wy`, `ww`, and the relative variance.
@@ -116,8 +116,7 @@ fn plane(moments: &Moments, [x, y]: [f64; 2], own: f64) -> [f64; 2] {
     let [sx, sy, sxx, sxy, syy, w, wx, wy, ww] = std::array::from_fn(|i| moments[i + 1] / moments[0]);
     let (cxx, cxy, cyy) = (sxx - sx * sx, sxy - sx * sy, syy - sy * sy);
     let (cwx, cwy) = (wx - w * sx, wy - w * sy);
-    let ridge = RIDGE * (cxx + cyy) + 1e-12;
-    let (cxx, cyy) = (cxx + ridge, cyy + ridge);
+    let [cxx, cyy] = [cxx, cyy].map(|spread| spread * (1.0 + RIDGE) + 1e-12);
     let determinant = cxx * cyy - cxy * cxy;
     let (gx, gy) = ((cyy * cwx - cxy * cwy) / determinant, (cxx * cwy - cxy * cwx) / determinant);
     let residual = (ww - w * w - gx * cwx - gy * cwy).max(0.0);
