@@ -58,6 +58,9 @@ impl OpenPrior<'_> {
         runtime: &mde_prior::Runtime,
     ) -> Result<Self> {
         use mde_prior::{ModelSpec, OnnxPrior, RecognisedBy};
+        if let Some(is) = no_network(path) {
+            return Err(Error::Argument(format!("{}: {is}", path.display())));
+        }
         let mut certain = false;
         let spec = match profile {
             Some(file) if file.ends_with(".toml") => {
@@ -131,4 +134,21 @@ fn has_eight_bits(path: &Path, grey: bool) -> bool {
     let mut header = [0; 26];
     let read = open::open(path, FileKind::DepthMap).and_then(|mut file| file.read_exact(&mut header));
     read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8 && (!grey || header[25] == 0)
+}
+
+/// What a file is that is often taken for a network, and what to do.
+#[cfg(feature = "onnx")]
+fn no_network(path: &Path) -> Option<&'static str> {
+    let mut bytes = Vec::new();
+    open::open(path, FileKind::Network).ok()?.take(512).read_to_end(&mut bytes).ok()?;
+    let begins = |with: &str| bytes.trim_ascii_start().to_ascii_lowercase().starts_with(with.as_bytes());
+    Some(match bytes.as_slice() {
+        _ if begins("<!doctype") || begins("<html") => "a web page; download the file that it is about",
+        _ if begins("version https://git-lfs") => "a pointer of Git LFS; fetch the network with git lfs pull",
+        [b'P', b'K', 3, 4, ..] | [0x80, 2, b'c' | b'}' | 0x8a, ..] => {
+            "a PyTorch checkpoint; export it to ONNX"
+        }
+        [_, _, _, _, _, 0, 0, 0, b'{', b'"', ..] => "weights in safetensors; export the network to ONNX",
+        _ => return None,
+    })
 }

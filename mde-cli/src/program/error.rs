@@ -8,19 +8,21 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Where the last panic began, and its message.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
-/// Some photographs, scenes or methods failed; the results of the others are written.
+/// Something is missing of what was asked for, and the rest is written.
 #[derive(Debug, thiserror::Error)]
-#[error("{failed} of the runs failed ({first}); the others are in {folder}")]
-pub(crate) struct Partial {
-    failed: usize,
-    first: String,
-    folder: String,
+pub(crate) enum Partial {
+    /// Some photographs, scenes or methods failed.
+    #[error("{failed} of the runs failed ({first}); the others are in {folder}")]
+    Runs { failed: usize, first: String, folder: String },
+    /// No further photograph was of use.
+    #[error("{{views}}: {reason}; the depth in {folder} is that of the reference photograph alone")]
+    Views { reason: String, folder: String },
 }
 
 /// The error of a run in whose `folder` some results are missing; none where nothing failed.
 pub(crate) fn partial(failed: usize, first: Option<String>, folder: &Path) -> Result<()> {
     let folder = folder.display().to_string();
-    first.map_or(Ok(()), |first| Err(Partial { failed, first, folder }.into()))
+    first.map_or(Ok(()), |first| Err(Partial::Runs { failed, first, folder }.into()))
 }
 
 pub(crate) fn fault() -> MutexGuard<'static, String> {

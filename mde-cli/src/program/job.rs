@@ -4,6 +4,7 @@ use crate::output::export::Format;
 use crate::output::files::{Beside, ResultFiles};
 use crate::output::preview::strip;
 use crate::output::record::RunRecord;
+use crate::program::error::Partial;
 use crate::program::open::truth::Truth;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
@@ -64,7 +65,9 @@ impl Job<'_> {
             line_of(&report)
         );
         progress.done(&Document::default(), &text, folder.path(), json!({ "scores": scores }));
-        Ok(())
+        let reason = refined.refinement.capture.and_then(|report| report.fallback);
+        let folder = line_of(folder.path());
+        reason.map_or(Ok(()), |reason| Err(Partial::Views { reason, folder }.into()))
     }
 
     /// Refines a photograph, scores and writes; `last` adds files to the folder before it gets its name.

@@ -33,7 +33,7 @@ const KEPT: &str = "interrupted; finished work is kept, and the same command res
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    let matches = args::command().get_matches();
+    let matches = args::command().try_get_matches().unwrap_or_else(|error| args::explained(error).exit());
     let cli = args::Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     // Kept, not printed: a panic within a network's runtime becomes an error that names the network.
     panic::set_hook(Box::new(|info| *fault() = info.to_string()));

@@ -15,6 +15,7 @@ pub(crate) use groups::{
 
 use crate::config::Preset;
 use crate::program::args::values::{KINDS, PRESETS, choice, formats, size, triple};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Id, Parser, Subcommand};
 use mde_eval::data::Shard;
 use mde_prior::DepthKind;
@@ -35,7 +36,7 @@ Exit codes:
   0    done
   1    failed; one line on stderr names the cause and the remedy
   2    wrong usage
-  3    some photographs or scenes failed; the others are written
+  3    some photographs or scenes failed, or no photograph of --views is of use; the rest is written
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only what mde dense, many photographs and evaluations have finished is kept";
 
 /// Refine the monocular depth of a photograph, with a standard deviation per pixel
@@ -54,6 +55,15 @@ pub(crate) fn command() -> clap::Command {
         // Headings come in the order of their first arguments, and a mutated one becomes the last.
         rare.into_iter().fold(command, |command, id| command.mut_arg(id, |argument| argument))
     })
+}
+
+/// The error of the arguments; where IMAGE is missing, `--views` has taken it.
+pub(crate) fn explained(mut error: clap::Error) -> clap::Error {
+    if error.kind() == ErrorKind::MissingRequiredArgument && std::env::args().any(|one| one == "--views") {
+        let tip = "put IMAGE first: --views takes all paths that follow it";
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    error
 }
 
 #[derive(Debug, Subcommand)]

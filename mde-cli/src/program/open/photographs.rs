@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 
 /// Extensions of photographs within a folder.
 const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+/// Those that are not read, and named instead of passed over.
+const UNREAD: [&str; 3] = ["heic", "heif", "avif"];
 /// Standard input.
 const STDIN: &str = "-";
 const LIST: &str = "txt";
@@ -121,7 +123,8 @@ pub(crate) fn existing(flag: &str, named: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// Whether it is a file with the extension of a photograph.
 fn is_photograph(path: &Path) -> bool {
     let extension = path.extension().and_then(OsStr::to_str);
-    extension.is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str())) && path.is_file()
+    let extension = extension.map(str::to_ascii_lowercase);
+    extension.is_some_and(|e| PHOTOGRAPHS.iter().chain(&UNREAD).any(|known| *known == e)) && path.is_file()
 }
 
 /// Whether it has wildcards (`*`, `?`, `[abc]`) and is no path itself.
