@@ -3,11 +3,12 @@
 //! Pixels \\( q \\) that can be reached from \\( p \\) without crossing an edge of the photograph are taken for its surface, which is linear
 //! in inverse depth:
 //!
-//! \\[ \min_{w, g} \sum_q \frac{k_{pq}}{\sigma_q^2 / z_q^2 + \sigma_0^2} \left( w + g^\top (q - p) - z_q^{-1} \right)^2 . \\]
+//! \\[ \min_{w, g} \sum_q \frac{k_{pq}}{(\sigma_q^2 / z_q^2 + \sigma_0^2)^2} \left( w + g^\top (q - p) - z_q^{-1} \right)^2 . \\]
 //!
 //! \\( k_{pq} \\) falls with the length of the way over the photograph as a surface in space and colour: the domain transform (Gastal and
-//! Oliveira, 2011), whose recursive filter sums the moments of all pixels at a cost that does not depend on the reach. Depth and plane
-//! are averaged by precision (Eq. 7).
+//! Oliveira, 2011), whose recursive filter sums the moments of all pixels at a cost that does not depend on the reach. Precisions are
+//! squared, since the errors of doubtful pixels have heavier tails than a normal distribution. Depth and plane are averaged by precision
+//! (Eq. 7).
 
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
@@ -17,16 +18,13 @@ use rayon::prelude::*;
 use crate::{Result, check_map};
 
 /// Reach along a surface of one colour, as a share of the longer side.
-const REACH: f64 = 0.1;
+const REACH: f64 = 0.2;
 /// Sum of the differences of sRGB along a way that is as long as the reach.
-const COLOUR: f64 = 0.2;
+const COLOUR: f64 = 0.1;
 /// Relative deviation that adds to each pixel's, so that none decides alone.
 const LEAST: f64 = 0.01;
-/// Variance of a plane in units of that of the depths about it, which share their errors.
-const SHARED: f64 = 4.0;
-/// Filters, each of half the reach of the one before, and planes of planes.
+/// Filters, each of half the reach of the one before.
 const FILTERS: i32 = 2;
-const ROUNDS: usize = 2;
 /// Change of inverse depth at most, as a factor.
 const MOST: f64 = 3.0;
 /// Ridge of a slope, as a share of the spread of the pixels along it.
@@ -53,32 +51,28 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
         .and(depth.variance())
         .map_collect(|&z, &v| if known(z, v) { f64::from(v) / f64::from(z).powi(2) } else { f64::INFINITY });
     let mut inverse = depth.mean().mapv(|z| if z > 0.0 { f64::from(z).recip() } else { 0.0 });
+    let mut moments = Zip::indexed(&inverse).and(&own).map_collect(|(y, x), &w, &own| {
+        let weight = (own + LEAST * LEAST).powi(-2);
+        let (x, y, own) = (x as f64 / longer, y as f64 / longer, if own.is_finite() { own } else { 0.0 });
+        [1.0, x, y, x * x, x * y, y * y, w, w * x, w * y, w * w, own].map(|value| weight * value)
+    });
+    for filter in 1..=FILTERS {
+        let share = 3.0_f64.sqrt() * 2.0_f64.powi(FILTERS - filter) / (4.0_f64.powi(FILTERS) - 1.0).sqrt();
+        let decay = -2.0_f64.sqrt() / (reach * share);
+        moments = filtered(filtered(moments, &across, decay), &down, decay);
+    }
     let mut variance = own.clone();
-    for _ in 0..ROUNDS {
-        let mut moments = Zip::indexed(&inverse).and(&own).map_collect(|(y, x), &w, &own| {
-            let weight = (own + LEAST * LEAST).recip();
-            let (x, y, own) = (x as f64 / longer, y as f64 / longer, if own.is_finite() { own } else { 0.0 });
-            [1.0, x, y, x * x, x * y, y * y, w, w * x, w * y, w * w, own].map(|value| weight * value)
-        });
-        for filter in 1..=FILTERS {
-            let share =
-                3.0_f64.sqrt() * 2.0_f64.powi(FILTERS - filter) / (4.0_f64.powi(FILTERS) - 1.0).sqrt();
-            let decay = -2.0_f64.sqrt() / (reach * share);
-            moments = filtered(filtered(moments, &across, decay), &down, decay);
-        }
-        Zip::indexed(&mut inverse).and(&own).and(&mut variance).and(&moments).for_each(
-            |(y, x), inverse, &own, variance, moments| {
-                if !own.is_finite() {
-                    return;
-                }
+    Zip::indexed(&mut inverse).and(&own).and(&mut variance).and(&moments).for_each(
+        |(y, x), inverse, &own, variance, moments| {
+            if own.is_finite() {
                 let [plane, residual] = plane(moments, [x as f64 / longer, y as f64 / longer], *inverse);
                 let weight = own.max(1e-6).recip();
-                let weight = weight / (weight + (SHARED * residual).max(1e-6).recip());
+                let weight = weight / (weight + residual.max(1e-6).recip());
                 *variance = weight * own + (1.0 - weight) * (moments[10] / moments[0] + residual);
                 *inverse *= weight + (1.0 - weight) * plane.clamp(MOST.recip(), MOST);
-            },
-        );
-    }
+            }
+        },
+    );
     let mean = Zip::from(&inverse).map_collect(|&w| if w > 0.0 { w.recip() as f32 } else { 0.0 });
     let variance = Zip::from(&variance)
         .and(&mean)
