@@ -138,10 +138,8 @@ mod tests {
         assert_eq!(auto((480, 640), (224, 224)).levels, [2, 3, 4]);
         assert_eq!(auto((480, 640), (224, 224)).predictions(), 30);
         assert_eq!(auto((480, 640), (48, 48)).predictions(), 60);
-        assert_eq!(
-            (auto((480, 640), (518, 686)).mirror, auto((480, 640), (518, 686)).predictions()),
-            (true, 2)
-        );
+        let anything = auto((480, 640), (518, 686));
+        assert_eq!((anything.mirror, anything.predictions()), (true, 2));
         assert_eq!(auto((1060, 1414), (518, 686)).levels, [2, 3]);
         assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3, 4]);
         let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(|most| predictions(most, (960, 960), 96));

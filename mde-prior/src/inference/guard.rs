@@ -7,7 +7,7 @@ use tract_onnx::prelude::*;
 use tract_onnx::tract_hir::infer::Factoid as _;
 use tract_onnx::tract_hir::internal::DimLike as _;
 
-use super::runtime::shortened;
+use super::runtime::{inner_graphs, shortened};
 
 /// Bytes of the largest tensor that a network may compute, and of one that is computed before there is an image.
 const MAX_TENSOR: usize = 1 << 32;
@@ -16,8 +16,9 @@ const MAX_CONSTANT: usize = 1 << 30;
 const MAX_PLACES: usize = 1 << 27;
 /// The largest side, step or border of a kernel.
 const MAX_SIDE: i64 = 1 << 20;
-/// Operators of one input each in a row: the time to optimise them grows with the square of their number.
-const MAX_CHAIN: usize = 1000;
+/// Operators of one input each in a row. tract compares each node that its optimiser adds with every node there is (`ModelPatch::apply`):
+/// 2,000 take some 10 s, 4,000 a minute.
+const MAX_CHAIN: usize = 4000;
 
 /// Attributes that are lengths.
 const LENGTHS: [&str; 7] =
@@ -42,9 +43,7 @@ pub(super) fn check_graph(graph: &GraphProto) -> Result<(), String> {
             return Err(format!("{} ends a chain of {chain} operators; check the model", place(node)));
         }
         chains.extend(node.output.iter().map(|name| (name.as_str(), chain)));
-        for inner in node.attribute.iter().flat_map(|attribute| attribute.g.iter().chain(&attribute.graphs)) {
-            check_graph(inner)?;
-        }
+        inner_graphs(node).try_for_each(check_graph)?;
     }
     Ok(())
 }

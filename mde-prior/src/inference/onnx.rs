@@ -412,13 +412,10 @@ impl DepthPrior for OnnxPrior {
                 }
             };
             if let Some(scale) = scale {
-                let factor = match scale.values.as_slice() {
-                    &[factor] if factor > 0.0 && factor.is_finite() => factor,
-                    _ => {
-                        return Err(self.error("scale-output is no positive number; check its name"));
-                    }
-                };
-                map.mapv_inplace(|v| factor * v);
+                match *scale.values.as_slice() {
+                    [factor] if factor > 0.0 && factor.is_finite() => map.mapv_inplace(|v| factor * v),
+                    _ => return Err(self.error("scale-output is no positive number; check its name")),
+                }
             }
             let depth = |value: f32| match inverse {
                 None => value,

@@ -116,18 +116,11 @@ fn line(error: &dyn std::fmt::Display) -> String {
 /// of the active Python (`VIRTUAL_ENV`, `CONDA_PREFIX`, or that of `python3`).
 #[must_use]
 pub fn find_library(named: Option<&Path>) -> Option<PathBuf> {
-    if let Some(named) = named {
-        return Some(named.to_owned());
-    }
-    let from_environment = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty());
-    if let Some(path) = from_environment {
-        return Some(path.into());
-    }
-    let program = std::env::current_exe().ok();
-    let beside = program.as_deref().and_then(Path::parent).and_then(library_in);
-    beside.or_else(|| {
-        python_packages().iter().find_map(|packages| library_in(&packages.join("onnxruntime/capi")))
-    })
+    let stated = || std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(PathBuf::from);
+    let beside = || std::env::current_exe().ok()?.parent().and_then(library_in);
+    let of_package = |packages: PathBuf| library_in(&packages.join("onnxruntime/capi"));
+    let in_python = || python_packages().into_iter().find_map(of_package);
+    named.map(Path::to_owned).or_else(stated).or_else(beside).or_else(in_python)
 }
 
 /// The library in a folder: the first by name of those that are it, with or without a version.

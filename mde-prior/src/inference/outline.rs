@@ -1,11 +1,10 @@
 //! What a graph shows of its network before it is loaded.
 
-use super::runtime::proto;
+use super::runtime::{proto, stated_sides};
 use crate::prior::{FIELDS_OF_VIEW, INVERSE_DEPTHS};
 use crate::{Error, Result};
 use std::path::Path;
 use tract_onnx::pb::tensor_shape_proto::dimension::Value;
-use tract_onnx::pb::type_proto::Value as Type;
 use tract_onnx::pb::{NodeProto, ValueInfoProto};
 
 /// The layers by which FastDepth (Wofk et al., 2019) is recognised: MobileNet's depthwise convolutions of 3 x 3, and those of 5 x 5 of its decoder.
@@ -70,11 +69,7 @@ impl Outline {
 
 /// The sides of a tensor; none where one is not fixed.
 fn fixed(port: &ValueInfoProto) -> Vec<i64> {
-    let Some(Type::TensorType(tensor)) = port.r#type.as_ref().and_then(|kind| kind.value.as_ref()) else {
-        return Vec::new();
-    };
-    let sides = tensor.shape.iter().flat_map(|shape| &shape.dim);
-    let sides = sides.map(|side| match side.value {
+    let sides = stated_sides(port).into_iter().flatten().map(|side| match side.value {
         Some(Value::DimValue(side)) => Some(side),
         _ => None,
     });

@@ -145,10 +145,7 @@ mod tests {
         assert_eq!(last.channel(2).unwrap()[(0, 1)], 5.0);
         let first = Points::new(output(&[3, 2, 4])).unwrap();
         assert_eq!(first.channel(2).unwrap()[(0, 1)], 17.0);
-        assert!(
-            first.channel(3).is_err()
-                && Points::new(output(&[1, 24])).is_err()
-                && Points::new(output(&[2, 3, 4])).is_err()
-        );
+        assert!(first.channel(3).is_err());
+        assert!(Points::new(output(&[1, 24])).is_err() && Points::new(output(&[2, 3, 4])).is_err());
     }
 }

@@ -4,11 +4,14 @@
 use std::collections::{HashMap, HashSet};
 
 use tract_onnx::data_resolver::MmapDataResolver;
+use tract_onnx::pb::attribute_proto::AttributeType;
 use tract_onnx::pb::tensor_proto::DataType;
 use tract_onnx::pb::type_proto::Value;
-use tract_onnx::pb::{AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto};
+use tract_onnx::pb::{AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto};
 use tract_onnx::prelude::*;
 use tract_onnx::tensor::load_tensor;
+
+use super::runtime::{inner_graphs, stated_sides};
 
 const FLOAT: i32 = DataType::Float as i32;
 const FLOAT16: i32 = DataType::Float16 as i32;
@@ -94,7 +97,7 @@ fn replace(graph: &mut GraphProto, opset: i64) {
 fn names_read(graph: &GraphProto, names: &mut HashSet<String>) {
     for node in &graph.node {
         names.extend(node.input.iter().cloned());
-        for inner in node.attribute.iter().flat_map(|attribute| attribute.g.iter().chain(&attribute.graphs)) {
+        for inner in inner_graphs(node) {
             names.extend(inner.output.iter().map(|output| output.name.clone()));
             names_read(inner, names);
         }
@@ -111,7 +114,11 @@ fn product_of_parts(
     let [joined, weights] = node.input.as_slice() else { return None };
     let concat = by_output.get(joined).filter(|concat| concat.op_type == "Concat")?;
     let [first, second] = concat.input.as_slice() else { return None };
-    let last_axis = concat.attribute.iter().any(|attribute| attribute.name == "axis" && attribute.i == -1);
+    let of_concat = |port: &&ValueInfoProto| port.name == *joined || concat.input.contains(&port.name);
+    let sides = steps.graph.value_info.iter().filter(of_concat).find_map(stated_sides);
+    let rank = sides.map_or(0, <[_]>::len) as i64;
+    let mut axes = concat.attribute.iter().filter(|attribute| attribute.name == "axis").map(|axis| axis.i);
+    let last_axis = axes.any(|axis| axis == -1 || axis == rank - 1);
     let expanded = |name: &String| by_output.get(name).filter(|from| from.op_type == "Expand")?.input.first();
     // The other part has all rows of the product.
     if !last_axis || expanded(first).is_some() == expanded(second).is_some() {
@@ -119,12 +126,12 @@ fn product_of_parts(
     }
     let [start, end, last, rows] =
         [("start", 0), ("end", i64::MAX), ("last", -1), ("rows", -2)].map(|(name, v)| steps.number(name, v));
-    let shape = steps.add("Shape", &[first], None);
-    let k = steps.add("Slice", &[&shape, &last, &end], None);
-    let upper = steps.add("Slice", &[weights, &start, &k, &rows], None);
-    let lower = steps.add("Slice", &[weights, &k, &end, &rows], None);
-    let upper = steps.add("MatMul", &[expanded(first).unwrap_or(first), &upper], None);
-    let lower = steps.add("MatMul", &[expanded(second).unwrap_or(second), &lower], None);
+    let shape = steps.add("Shape", &[first]);
+    let k = steps.add("Slice", &[&shape, &last, &end]);
+    let upper = steps.add("Slice", &[weights, &start, &k, &rows]);
+    let lower = steps.add("Slice", &[weights, &k, &end, &rows]);
+    let upper = steps.add("MatMul", &[expanded(first).unwrap_or(first), &upper]);
+    let lower = steps.add("MatMul", &[expanded(second).unwrap_or(second), &lower]);
     steps.finish("Add", &[&upper, &lower])
 }
 
@@ -138,23 +145,25 @@ fn training_statistics(node: &NodeProto, opset: i64, steps: &mut Steps<'_>) -> O
     }
     let epsilon = steps.constant("epsilon", attribute("epsilon").map_or(1e-5, |epsilon| epsilon.f));
     let axis = steps.number("axis", 0);
+    let (name, r#type) = ("axes".to_owned(), AttributeType::Ints as i32);
+    let axes = AttributeProto { name, r#type, ints: vec![0], ..AttributeProto::default() };
     let mean = |steps: &mut Steps<'_>, of: &str| {
-        let each = steps.add("GlobalAveragePool", &[of], None);
+        let each = steps.add("GlobalAveragePool", &[of]);
         match opset {
-            ..18 => steps.add("ReduceMean", &[&each], Some(("axes", 0))),
-            _ => steps.add("ReduceMean", &[&each, &axis], None),
+            ..18 => steps.add_with("ReduceMean", &[&each], vec![axes.clone()]),
+            _ => steps.add("ReduceMean", &[&each, &axis]),
         }
     };
     let centre = mean(steps, x);
-    let residual = steps.add("Sub", &[x, &centre], None);
-    let squared = steps.add("Mul", &[&residual, &residual], None);
+    let residual = steps.add("Sub", &[x, &centre]);
+    let squared = steps.add("Mul", &[&residual, &residual]);
     let variance = mean(steps, &squared);
-    let variance = steps.add("Add", &[&variance, &epsilon], None);
-    let deviation = steps.add("Sqrt", &[&variance], None);
-    let standard = steps.add("Div", &[&residual, &deviation], None);
-    let sides = steps.add("Shape", &[&centre], None);
-    let [scale, shift] = [scale, shift].map(|values| steps.add("Reshape", &[values, &sides], None));
-    let scaled = steps.add("Mul", &[&standard, &scale], None);
+    let variance = steps.add("Add", &[&variance, &epsilon]);
+    let deviation = steps.add("Sqrt", &[&variance]);
+    let standard = steps.add("Div", &[&residual, &deviation]);
+    let sides = steps.add("Shape", &[&centre]);
+    let [scale, shift] = [scale, shift].map(|values| steps.add("Reshape", &[values, &sides]));
+    let scaled = steps.add("Mul", &[&standard, &scale]);
     steps.finish("Add", &[&scaled, &shift])
 }
 
@@ -171,20 +180,18 @@ impl<'g> Steps<'g> {
     }
 
     /// Adds a node and returns the name of its output.
-    fn add(&mut self, operator: &str, inputs: &[&str], axes: Option<(&str, i64)>) -> String {
+    fn add(&mut self, operator: &str, inputs: &[&str]) -> String {
+        self.add_with(operator, inputs, Vec::new())
+    }
+
+    fn add_with(&mut self, operator: &str, inputs: &[&str], attribute: Vec<AttributeProto>) -> String {
         let output = format!("{}/{operator}.{}", self.output, self.graph.node.len());
-        let attribute = axes.map(|(name, axis)| AttributeProto {
-            name: name.to_owned(),
-            r#type: tract_onnx::pb::attribute_proto::AttributeType::Ints as i32,
-            ints: vec![axis],
-            ..AttributeProto::default()
-        });
         self.graph.node.push(NodeProto {
             op_type: operator.to_owned(),
             input: inputs.iter().map(|name| (*name).to_owned()).collect(),
             output: vec![output.clone()],
             name: output.clone(),
-            attribute: attribute.into_iter().collect(),
+            attribute,
             ..NodeProto::default()
         });
         output
@@ -193,30 +200,27 @@ impl<'g> Steps<'g> {
     /// The last node, whose output is that of the one replaced.
     fn finish(&mut self, operator: &str, inputs: &[&str]) -> Option<()> {
         let output = self.output.clone();
-        self.add(operator, inputs, None);
+        self.add(operator, inputs);
         self.graph.node.last_mut()?.output = vec![output];
         Some(())
     }
 
     /// An integer as a vector of one side, and its name.
     fn number(&mut self, name: &str, value: i64) -> String {
-        self.weight(name, DataType::Int64, value.to_le_bytes().to_vec(), vec![1])
+        let data_type = DataType::Int64 as i32;
+        self.weight(
+            name,
+            TensorProto { data_type, dims: vec![1], int64_data: vec![value], ..TensorProto::default() },
+        )
     }
 
     fn constant(&mut self, name: &str, value: f32) -> String {
-        self.weight(name, DataType::Float, value.to_le_bytes().to_vec(), Vec::new())
+        self.weight(name, TensorProto { data_type: FLOAT, float_data: vec![value], ..TensorProto::default() })
     }
 
-    fn weight(&mut self, name: &str, kind: DataType, raw_data: Vec<u8>, dims: Vec<i64>) -> String {
+    fn weight(&mut self, name: &str, values: TensorProto) -> String {
         let name = format!("{}/{name}", self.output);
-        let data_type = kind as i32;
-        self.graph.initializer.push(TensorProto {
-            name: name.clone(),
-            dims,
-            data_type,
-            raw_data,
-            ..TensorProto::default()
-        });
+        self.graph.initializer.push(TensorProto { name: name.clone(), ..values });
         name
     }
 }

@@ -5,7 +5,9 @@ use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use tract_onnx::pb::{GraphProto, ModelProto, TensorProto};
+use tract_onnx::pb::tensor_shape_proto::Dimension;
+use tract_onnx::pb::type_proto::Value;
+use tract_onnx::pb::{GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto};
 use tract_onnx::prelude::*;
 
 use crate::{Error, FileKind, Result, open};
@@ -47,6 +49,17 @@ pub(super) fn proto(path: &Path) -> Result<ModelProto> {
     })
 }
 
+/// The graphs within a node.
+pub(super) fn inner_graphs(node: &NodeProto) -> impl Iterator<Item = &GraphProto> {
+    node.attribute.iter().flat_map(|attribute| attribute.g.iter().chain(&attribute.graphs))
+}
+
+/// The sides of a tensor, where the file states their number.
+pub(super) fn stated_sides(port: &ValueInfoProto) -> Option<&[Dimension]> {
+    let Value::TensorType(tensor) = port.r#type.as_ref()?.value.as_ref()?;
+    Some(&tensor.shape.as_ref()?.dim)
+}
+
 /// The files of a network's weights outside the ONNX file, sorted.
 ///
 /// # Errors
@@ -69,9 +82,7 @@ fn external(graph: &GraphProto, names: &mut BTreeSet<String>) {
         names.extend(location.map(|entry| entry.value.clone()));
     };
     graph.initializer.iter().for_each(&mut add);
-    let attributes = || graph.node.iter().flat_map(|node| &node.attribute);
-    attributes().flat_map(|attribute| attribute.t.iter().chain(&attribute.tensors)).for_each(&mut add);
-    for inner in attributes().flat_map(|attribute| attribute.g.iter().chain(&attribute.graphs)) {
-        external(inner, names);
-    }
+    let attributes = graph.node.iter().flat_map(|node| &node.attribute);
+    attributes.flat_map(|attribute| attribute.t.iter().chain(&attribute.tensors)).for_each(&mut add);
+    graph.node.iter().flat_map(inner_graphs).for_each(|inner| external(inner, names));
 }

@@ -76,10 +76,9 @@ impl TractGraph {
             return Ok((Arc::clone(plan), *bytes));
         }
         let refused = |e: TractError| {
+            let (culprit, reason) = (self.culprit(&e), one_line(&e));
             format!(
-                "the model takes no input of {shape:?}{} ({}); check its input size, or try ONNX Runtime",
-                self.culprit(&e),
-                one_line(&e)
+                "the model takes no input of {shape:?}{culprit} ({reason}); check its input size, or try ONNX Runtime"
             )
         };
         let mut model = self.model.clone();
@@ -124,10 +123,8 @@ impl Graph for TractGraph {
             let outputs = plan.run(tvec!(input.into()));
             Arch::new().dispatch(ClearRegisters);
             let outputs = outputs.map_err(|e| {
-                format!(
-                    "the model fails at {shape:?} ({}); check its input size, or try ONNX Runtime",
-                    one_line(&e)
-                )
+                let reason = one_line(&e);
+                format!("the model fails at {shape:?} ({reason}); check its input size, or try ONNX Runtime")
             })?;
             outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
         };

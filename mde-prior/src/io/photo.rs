@@ -227,10 +227,8 @@ pub fn encode_rgb_png(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>> {
 pub fn write_image(path: impl AsRef<Path>, pixels: ArrayView3<'_, f32>) -> Result<()> {
     let path = path.as_ref();
     if let Some(((row, column, _), _)) = pixels.indexed_iter().find(|(_, v)| v.is_nan()) {
-        return Err(Error::malformed(
-            path,
-            format!("NaN at row {row}, column {column} is not a colour; give values in 0 to 1"),
-        ));
+        let reason = format!("NaN at row {row}, column {column} is not a colour; give values in 0 to 1");
+        return Err(Error::malformed(path, reason));
     }
     write_rgb_png(path, pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())
 }

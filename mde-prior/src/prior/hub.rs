@@ -122,11 +122,9 @@ mod tests {
         let folder = root.path();
         let model = folder.join("onnx").join("model.onnx");
         assert_eq!(ModelSpec::of_hub(&model).unwrap(), None);
-        write(
-            folder,
-            "config.json",
-            r#"{"model_type": "depth_anything", "depth_estimation_type": "metric", "max_depth": 20}"#,
-        );
+        let metric =
+            r#"{"model_type": "depth_anything", "depth_estimation_type": "metric", "max_depth": 20}"#;
+        write(folder, "config.json", metric);
         let spec = ModelSpec::of_hub(&model).unwrap().unwrap();
         assert_eq!((spec.output, spec.width, spec.multiple_of), (DepthKind::Metric, 518, 14));
         write(folder, "config.json", r#"{"model_type": "depth_anything"}"#);
@@ -193,13 +191,9 @@ mod tests {
             r#"{"do_rescale": true, "do_resize": true, "feature_extractor_type": "GLPNFeatureExtractor", "resample": 2, "size_divisor": 32}"#,
         );
         assert_eq!(glpn.unwrap(), None);
-        let error =
-            of(r#"{"model_type": "dpt"}"#, r#"{"size": {"shortest_edge": 384}}"#).unwrap_err().to_string();
-        assert!(
-            error.contains("preprocessor_config.json: size is neither a number nor height and width")
-                && error.contains("profile")
-                && error.lines().count() == 1,
-            "{error}"
-        );
+        let error = of(r#"{"model_type": "dpt"}"#, r#"{"size": {"shortest_edge": 384}}"#).unwrap_err();
+        let error = error.to_string();
+        let reason = "preprocessor_config.json: size is neither a number nor height and width";
+        assert!(error.contains(reason) && error.contains("profile") && error.lines().count() == 1, "{error}");
     }
 }

@@ -108,16 +108,9 @@ impl ModelSpec {
     /// [`Error::UnknownProfile`] with the known names.
     pub fn profile(name: &str) -> Result<Self> {
         let row = ROWS.into_iter().find(|row| row.0 == name);
-        let (
-            _,
-            (mean, std),
-            [width, height, multiple_of],
-            output,
-            aspect,
-            filters,
-            [output_floor, canonical_focal],
-        ) = row.ok_or_else(|| Error::UnknownProfile { name: name.to_owned() })?;
-        let [input_filter, output_filter] = filters;
+        let (_, (mean, std), [width, height, multiple_of], output, aspect, filters, depths) =
+            row.ok_or_else(|| Error::UnknownProfile { name: name.to_owned() })?;
+        let ([input_filter, output_filter], [output_floor, canonical_focal]) = (filters, depths);
         let spec = Self {
             mean,
             std,
@@ -164,12 +157,8 @@ impl ModelSpec {
             let fov = FIELDS_OF_VIEW.into_iter().find(|name| has(name));
             let depth = INVERSE_DEPTHS.into_iter().find(|name| has(name));
             if let (Some(fov), Some(depth)) = (fov, depth) {
-                return Self {
-                    camera_output: None,
-                    fov_output: named(fov),
-                    output_name: named(depth),
-                    ..self
-                };
+                let (fov_output, output_name) = (named(fov), named(depth));
+                return Self { camera_output: None, fov_output, output_name, ..self };
             }
         }
         // UniDepth V2's older export.

@@ -238,12 +238,8 @@ impl ModelSpec {
             check(false, "error-output", name, "remove it or confidence-output: one of them is kept")?;
         }
         if let Some(focal) = self.canonical_focal {
-            check(
-                focal.is_finite() && focal > 0.0,
-                "canonical-focal",
-                &focal,
-                "give a positive number of pixels",
-            )?;
+            let positive = focal.is_finite() && focal > 0.0;
+            check(positive, "canonical-focal", &focal, "give a positive number of pixels")?;
             let metric = self.output == DepthKind::Metric;
             check(metric, "canonical-focal", &focal, "set output = \"metric\", or remove it")?;
         }

@@ -186,9 +186,8 @@ fn nothing_is_left_behind_by_a_failed_write() {
     let path = folder.path().join("m.png");
     format::write_png16(&path, array![[1.0]].view(), 1000.0).unwrap();
     let before = std::fs::read(&path).unwrap();
-    assert!(
-        format::write_png16(&path, array![[66.0]].view(), 1000.0).unwrap_err().to_string().contains("66")
-    );
+    let refused = format::write_png16(&path, array![[66.0]].view(), 1000.0).unwrap_err().to_string();
+    assert!(refused.contains("66"), "{refused}");
     assert!(format::write_png16(&path, array![[f32::NAN]].view(), 1000.0).is_err());
     assert!(format::write_npy(folder.path().join("absent/m.npy"), array![[1.0]].view()).is_err());
     assert_eq!(std::fs::read(&path).unwrap(), before);

@@ -20,6 +20,12 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
 }
 
+/// The image of tests/reference/make_models.py.
+#[cfg(feature = "onnx")]
+fn pattern(height: usize, width: usize) -> Array3<f32> {
+    Array3::from_shape_fn((height, width, 3), |(y, x, c)| ((7 * y + 3 * x + 5 * c) % 32) as f32 / 31.0)
+}
+
 /// Weighted sum of the channels.
 #[cfg_attr(not(feature = "onnx"), allow(dead_code))]
 fn grey(image: &Array3<f32>, weights: [f32; 3]) -> Array2<f32> {

@@ -1,6 +1,6 @@
 //! Networks: FastDepth against its test vector, conventions against ONNX Runtime, models that are no depth models.
 
-use crate::{assert_close, fixture, grey};
+use crate::{assert_close, fixture, grey, pattern};
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -9,11 +9,6 @@ use mde_prior::ndarray::Array3;
 use mde_prior::resample::{Filter, resize};
 use mde_prior::spec::{Aspect, Channels, Layout};
 use mde_prior::{DepthKind, DepthPrior, DisparityRule, ModelSpec, OnnxPrior, PriorDepth, predict_each};
-
-/// The image of tests/reference/make_models.py.
-fn pattern(height: usize, width: usize) -> Array3<f32> {
-    Array3::from_shape_fn((height, width, 3), |(y, x, c)| ((7 * y + 3 * x + 5 * c) % 32) as f32 / 31.0)
-}
 
 #[test]
 #[ignore = "needs the networks and photographs that MDE_SHARED names"]
@@ -82,11 +77,8 @@ fn layout_order_and_normalisation_are_as_stated() {
     let normalised = OnnxPrior::open(fixture("grey_nhwc.onnx"), &spec).unwrap();
     let mut expected = image.clone();
     expected.indexed_iter_mut().for_each(|((_, _, c), v)| *v = (*v - spec.mean[c]) / spec.std[c]);
-    assert_close(
-        &normalised.predict(image.view()).unwrap().map,
-        &grey(&expected, [0.114, 0.587, 0.299]),
-        1e-5,
-    );
+    let expected = grey(&expected, [0.114, 0.587, 0.299]);
+    assert_close(&normalised.predict(image.view()).unwrap().map, &expected, 1e-5);
 }
 
 /// A network of single pixels predicts the same with and without padding, wherever that lies.
@@ -140,11 +132,11 @@ fn networks_that_nothing_can_run_are_errors_with_the_name_of_the_file() {
 
 #[test]
 fn weights_in_another_file_are_named() {
-    let prior = OnnxPrior::open(fixture("external.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    let spec = ModelSpec::new(8, 8, DepthKind::Metric);
+    let prior = OnnxPrior::open(fixture("external.onnx"), &spec).unwrap();
     let files: Vec<_> = prior.files().collect();
     assert_eq!(files, [fixture("external.onnx"), fixture("external.bin")]);
-    let inside =
-        OnnxPrior::open(fixture("grey_nchw.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    let inside = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
     assert_eq!(inside.files().count(), 1);
 }
 

@@ -32,13 +32,8 @@ fn every_profile_of_one_output_normalises_as_it_says() {
         // Without a camera, metres for a stated one have no unit.
         let kind = if spec.canonical_focal.is_some() { DepthKind::RelativeDepth } else { spec.output };
         assert_eq!((prediction.map.dim(), prediction.kind), ((60, 80), kind), "{name}");
-        assert!(
-            prediction
-                .map
-                .iter()
-                .all(|v| (v / expected.max(spec.output_floor.unwrap_or(expected)) - 1.0).abs() < 1e-3),
-            "{name}"
-        );
+        let expected = expected.max(spec.output_floor.unwrap_or(expected));
+        assert!(prediction.map.iter().all(|v| (v / expected - 1.0).abs() < 1e-3), "{name}");
         assert_eq!(prior.resolution(60, 80), Some(spec.input_size(60, 80)), "{name}");
     }
 }
@@ -69,11 +64,8 @@ fn unidepth_and_depth_pro_give_metres() {
     assert_eq!(older.predict(image.view()).unwrap(), found);
     let pro = recognised("depth_pro_like.onnx");
     assert_eq!(pro.spec(), &ModelSpec::profile("depth-pro").unwrap());
-    assert_close(
-        &pro.predict(image.view()).unwrap().map,
-        &grey(&image, GREY).mapv(|g| 1.0 + (g - 0.5) / 0.5),
-        2e-3,
-    );
+    let expected = grey(&image, GREY).mapv(|g| 1.0 + (g - 0.5) / 0.5);
+    assert_close(&pro.predict(image.view()).unwrap().map, &expected, 2e-3);
 }
 
 #[test]
@@ -188,10 +180,7 @@ fn an_output_that_is_not_there_is_named() {
     let error = |spec: ModelSpec| OnnxPrior::open(fixture("moge2.onnx"), &spec).unwrap_err().to_string();
     let moge = || ModelSpec::profile("moge-2").unwrap();
     let text = error(ModelSpec { mask_output: Some("sky".to_owned()), ..moge() });
-    assert!(
-        text.contains("\"sky\"") && text.contains("metric_scale") && text.contains("mask-output"),
-        "{text}"
-    );
+    assert!(["\"sky\"", "metric_scale", "mask-output"].iter().all(|part| text.contains(part)), "{text}");
     let text = error(ModelSpec { tokens: None, ..moge() });
     assert!(text.contains("num_tokens") && text.contains("tokens"), "{text}");
 }
@@ -217,27 +206,27 @@ pub(super) mod onnxruntime {
     #[test]
     #[ignore = "needs ONNX Runtime's library"]
     fn onnxruntime_agrees_with_tract_on_the_graphs_of_published_networks() {
-        for (graph, profile) in
-            [("moge2", "moge-2"), ("unidepth", "unidepth-v2"), ("depth_pro_like", "depth-pro")]
-        {
+        let graphs = [
+            ("moge2", "moge-2"),
+            ("unidepth", "unidepth-v2"),
+            ("depth_pro_like", "depth-pro"),
+            ("predicted_depth", "depth-anything-v2"),
+        ];
+        for (graph, profile) in graphs {
             agree(&fixture(&format!("{graph}.onnx")), &ModelSpec::profile(profile).unwrap(), &image());
         }
-        agree(&fixture("predicted_depth.onnx"), &ModelSpec::profile("depth-anything-v2").unwrap(), &image());
     }
 
     #[test]
     #[ignore = "needs ONNX Runtime's library, and the networks and photographs that MDE_SHARED names"]
     fn onnxruntime_agrees_with_tract_on_real_networks() {
         let shared = std::env::var_os("MDE_SHARED").unwrap();
+        let shared = Path::new(&shared);
         let photograph =
-            mde_prior::photo::read_image(Path::new(&shared).join("data/plain/nyu_living/color.png")).unwrap();
+            mde_prior::photo::read_image(shared.join("data/plain/nyu_living/color.png")).unwrap();
         let fastdepth = ModelSpec::profile("fastdepth").unwrap();
-        agree(
-            &Path::new(&shared).join("models/fastdepth/fastdepth_224.onnx"),
-            &fastdepth,
-            &photograph.pixels,
-        );
+        agree(&shared.join("models/fastdepth/fastdepth_224.onnx"), &fastdepth, &photograph.pixels);
         let small = ModelSpec::new(48, 48, DepthKind::AffineDisparity);
-        agree(&Path::new(&shared).join("models/upydnet_nyu48/model.onnx"), &small, &photograph.pixels);
+        agree(&shared.join("models/upydnet_nyu48/model.onnx"), &small, &photograph.pixels);
     }
 }

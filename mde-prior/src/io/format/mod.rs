@@ -74,10 +74,10 @@ impl Format {
             "npz" => Ok(Self::Npz),
             "pfm" => Ok(Self::Pfm),
             "exr" => Ok(Self::Exr),
-            _ => Err(Error::malformed(
-                path,
-                format!("unknown depth format {extension:?}; use .png (16 bit), .npy, .npz, .pfm or .exr"),
-            )),
+            _ => {
+                let known = "use .png (16 bit), .npy, .npz, .pfm or .exr";
+                Err(Error::malformed(path, format!("unknown depth format {extension:?}; {known}")))
+            }
         }
     }
 }
@@ -122,10 +122,8 @@ pub fn read_depth(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array
     let mut map = read_raw(path, options)?;
     map.mapv_inplace(|v| if v.is_finite() && v > 0.0 { v } else { 0.0 });
     if map.iter().all(|&v| v == 0.0) {
-        return Err(Error::malformed(
-            path,
-            "no pixel has a positive depth; check that this is the depth file",
-        ));
+        let reason = "no pixel has a positive depth; check that this is the depth file";
+        return Err(Error::malformed(path, reason));
     }
     Ok(map)
 }
