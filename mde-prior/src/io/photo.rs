@@ -80,8 +80,8 @@ pub fn decode_image(bytes: &[u8]) -> Result<Photo> {
 }
 
 fn decode(bytes: &[u8]) -> Result<Photo, String> {
-    if bytes.get(4..8) == Some(b"ftyp") {
-        return Err("HEIC is not read; convert it to JPEG (heif-convert, or sips -s format jpeg)".to_owned());
+    if matches!(bytes.get(4..12), Some(b"ftypheic" | b"ftypheix" | b"ftypmif1")) {
+        return Err(unreadable(&"HEIC: convert it with heif-convert, or sips -s format jpeg"));
     }
     let broken = |e: image::ImageError| unreadable(&e);
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;

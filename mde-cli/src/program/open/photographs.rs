@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Extensions of photographs within a folder.
 const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 /// Those that are not read, and named instead of passed over.
-const UNREAD: [&str; 3] = ["heic", "heif", "avif"];
+const UNREAD: [&str; 2] = ["heic", "heif"];
 /// Standard input.
 const STDIN: &str = "-";
 const LIST: &str = "txt";
