@@ -4,7 +4,6 @@ use crate::output::export::Format;
 use crate::output::files::{Beside, ResultFiles};
 use crate::output::preview::strip;
 use crate::output::record::RunRecord;
-use crate::program::error::Partial;
 use crate::program::open::truth::Truth;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
@@ -35,7 +34,7 @@ pub(crate) struct Job<'p> {
 }
 
 impl Job<'_> {
-    /// Refines the scene's reference, scores, writes and prints.
+    /// Refines the scene's reference, scores, writes and prints. Returns why no further photograph was of use, where there were some.
     pub(crate) fn run(
         &self,
         scene: &Scene,
@@ -43,7 +42,7 @@ impl Job<'_> {
         input: &str,
         folder: &OutputFolder,
         progress: &mut Progress,
-    ) -> Result<()> {
+    ) -> Result<Option<String>> {
         let mut prepared = self.refiner.prepare(scene, plan, progress)?;
         let (refined, scores) =
             self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
@@ -65,9 +64,7 @@ impl Job<'_> {
             line_of(&report)
         );
         progress.done(&Document::default(), &text, folder.path(), json!({ "scores": scores }));
-        let reason = refined.refinement.capture.and_then(|report| report.fallback);
-        let folder = line_of(folder.path());
-        reason.map_or(Ok(()), |reason| Err(Partial::Views { reason, folder }.into()))
+        Ok(refined.refinement.capture.and_then(|report| report.fallback))
     }
 
     /// Refines a photograph, scores and writes; `last` adds files to the folder before it gets its name.

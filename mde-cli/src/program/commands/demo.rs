@@ -69,7 +69,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         truth: Some(Truth { source: "exact".to_owned(), depth: truth }),
         keep_photographs: true,
     };
-    job.run(&scene, &plan, &input, &folder, &mut progress)
+    job.run(&scene, &plan, &input, &folder, &mut progress)?;
+    Ok(())
 }
 
 /// One photograph, with a depth map as its prior.

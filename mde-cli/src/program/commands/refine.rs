@@ -2,6 +2,7 @@
 
 use crate::config::Preset;
 use crate::program::args::{DenseArgs, RefineArgs};
+use crate::program::error::Partial;
 use crate::program::job::Job;
 use crate::program::many::{self, every};
 use crate::program::open::settings::refinement_settings;
@@ -9,6 +10,7 @@ use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
 use crate::program::progress::Progress;
 use crate::program::store::folder::OutputFolder;
+use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::scene::known::KnownDepths;
 use anyhow::{Result, ensure};
@@ -48,7 +50,9 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
         truth,
         keep_photographs: false,
     };
-    job.run(&scene, &plan, &input, &folder, &mut progress)
+    let unused = job.run(&scene, &plan, &input, &folder, &mut progress)?;
+    let folder = line_of(folder.path());
+    unused.map_or(Ok(()), |reason| Err(Partial::Views { reason, folder }.into()))
 }
 
 /// `mde dense`.
