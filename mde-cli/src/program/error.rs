@@ -8,7 +8,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Where the last panic began, and its message.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
-/// Something is missing of what was asked for, and the rest is written.
+/// A part of the results is missing; the rest is written.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Partial {
     /// Some photographs, scenes or methods failed.

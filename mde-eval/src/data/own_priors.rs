@@ -2,7 +2,7 @@ use super::Sample;
 use mde_prior::{DepthPrior, Error, PriorDepth, Result};
 use ndarray::ArrayView3;
 
-/// The monocular depths that a data set brings for the photographs of a scene, as a prior: it knows no other image.
+/// The monocular depths that a data set brings for the photographs of a scene, as a prior: it has no depth of any other image.
 pub struct OwnPriors<'s>(pub &'s Sample);
 
 impl DepthPrior for OwnPriors<'_> {

@@ -21,7 +21,7 @@ use crate::{Result, check_map};
 const REACH: f64 = 0.2;
 /// Sum of the differences of sRGB along a way that is as long as the reach.
 const COLOUR: f64 = 0.1;
-/// Relative deviation that adds to each pixel's, so that none decides alone.
+/// Relative deviation that is added to each pixel's, which bounds the weight of a single one.
 const LEAST: f64 = 0.01;
 /// Filters, each of half the reach of the one before.
 const FILTERS: i32 = 2;
@@ -157,7 +157,7 @@ mod tests {
         }
     }
 
-    /// A spot of a slanted wall that matched another depth, and doubts it, comes back to the wall; its sigma shrinks.
+    /// A spot of a slanted wall with a wrong depth and a large sigma comes back to the wall; its sigma shrinks.
     #[test]
     fn a_doubtful_spot_returns_to_its_plane() {
         let plane = |y: usize, x: usize| (0.5 + 0.002 * x as f32 + 0.001 * y as f32).recip();
