@@ -417,6 +417,37 @@ def load(path):
     return header["shape"], values
 
 
+def check_capture(page):
+    """Points and cameras of a capture turn, zoom and can be filtered; pictures and table fit."""
+    loaded = page.value("Promise.all([...document.images].map((i) => { i.loading = 'eager'; return i.decode(); })).then(() => true)")
+    check(loaded, "a picture is broken")
+    cut = page.value("[...document.images].filter((i) => i.getBoundingClientRect().width > innerWidth).length")
+    check(cut == 0, f"{cut} pictures are wider than the window")
+    left, top, width, height = page.box("#capture-cloud")
+    seen = [page.pixels("#capture-cloud")]
+
+    def changed(what):
+        page.settle()
+        check(page.pixels("#capture-cloud") != seen[-1], f"{what} does not change the view")
+        seen.append(page.pixels("#capture-cloud"))
+
+    middle = (left + 0.5 * width, top + 0.5 * height)
+    page.drag(middle, (middle[0] + 60, middle[1] + 5))
+    changed("dragging")
+    page.value("document.getElementById('capture-cloud').focus()")
+    page.key("ArrowLeft")
+    changed("an arrow key")
+    count = "+document.getElementById('capture-count').textContent.match(/([0-9,]+) of/)[1].replaceAll(',', '')"
+    every = page.value(count)
+    page.value("(() => { const s = document.querySelector('#capture select'); s.value = '2'; s.dispatchEvent(new Event('change')); })()")
+    changed("the filter")
+    some = page.value(count)
+    check(0 < some < every, f"{some} of {every} points are confirmed twice")
+    page.value("document.getElementById('capture-cloud').focus()")
+    page.key("0")
+    changed("0")
+
+
 def check_evaluation(page, folder):
     """The table sorts, the figures and thumbnails are there."""
     names = "[...document.querySelectorAll('#scores tbody th')].map((t) => t.textContent)"
@@ -499,6 +530,8 @@ def one(browser, path, size, scheme, shots):
         check(check_any(page) == (scheme == "light"), f"the page is not {scheme}")
         if page.value("document.getElementById('viewer') !== null"):
             check_run(page, path.parent)
+        elif page.value("document.getElementById('capture') !== null"):
+            check_capture(page)
         else:
             check_evaluation(page, path.parent)
         complaints = page.complaints()

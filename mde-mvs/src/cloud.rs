@@ -5,6 +5,8 @@ use nalgebra::{Point2, Point3, Vector3};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use rayon::prelude::*;
 
+/// Largest standard deviation, relative to the depth, of the pixels that points and surfaces are made of.
+pub const LEAST_SURE: f32 = 0.06;
 /// Nearest photographs into which the points of one are projected.
 const NEAREST: usize = 32;
 
@@ -29,6 +31,12 @@ impl DepthView<'_> {
         let z = *self.depth.get((row, column))?;
         let known = z > 0.0 && self.sigma[(row, column)].is_finite();
         known.then(|| self.camera.unproject(Point2::new(column as f64, row as f64), f64::from(z)))
+    }
+
+    /// Depth and sigma of a pixel whose sigma is at most [`LEAST_SURE`] of the depth.
+    pub fn sure(&self, at: (usize, usize)) -> Option<[f32; 2]> {
+        let (z, sigma) = (*self.depth.get(at)?, *self.sigma.get(at)?);
+        (z > 0.0 && sigma <= LEAST_SURE * z).then_some([z, sigma])
     }
 
     /// The colour of a pixel.
@@ -71,9 +79,11 @@ pub struct ConsistentPoint {
     pub position: Point3<f64>,
     /// Standard deviation of its depth in that photograph.
     pub sigma: f32,
+    /// Other photographs that confirm it.
+    pub confirmed: usize,
 }
 
-/// The points that a second photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
+/// The points of sure pixels ([`LEAST_SURE`]) that a sure pixel of a second photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
 /// at the nearest pixel, \\( |z' - D| \le \sigma + \sigma' \\), where \\( \sigma' \\) is the point's in the proportion of the
 /// depths. Each is the mean by precision (Eq. 7) of its depths in the photographs that confirm it, along the ray of the first; those
 /// pixels give no further point. Of many photographs each is compared with the 32 nearest.
@@ -94,9 +104,8 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
         let others = nearest(views, index).into_iter().filter(|&other| sized(&views[other]));
         let others: Vec<usize> = others.collect();
         let of_pixel = |(row, column): (usize, usize)| {
-            let (point, sigma) = (view.point(row, column)?, view.sigma[(row, column)]);
-            let position = world * point;
-            let relative = sigma / point.z as f32;
+            let ([z, sigma], point) = (view.sure((row, column))?, view.point(row, column)?);
+            let (position, relative) = (world * point, sigma / z);
             let confirm = |&other: &usize| Some((other, seen(&views[other], &position, relative)?));
             let confirmed: Vec<_> = others.iter().filter_map(confirm).collect();
             if confirmed.is_empty() || confirmed.iter().any(|&(other, pixel)| given[other][pixel]) {
@@ -114,7 +123,8 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
             }
             let (z, sigma) = (weighted / precision, ((confirmed.len() + 1) as f64 / precision).sqrt());
             let position = world * (point * (z / point.z));
-            let fused = ConsistentPoint { view: index, pixel: [row, column], position, sigma: sigma as f32 };
+            let (pixel, sigma, confirmed_by) = ([row, column], sigma as f32, confirmed.len());
+            let fused = ConsistentPoint { view: index, pixel, position, sigma, confirmed: confirmed_by };
             Some((fused, confirmed))
         };
         let pixels: Vec<(usize, usize)> =
@@ -142,7 +152,7 @@ fn nearest(views: &[DepthView<'_>], index: usize) -> Vec<usize> {
     others
 }
 
-/// The pixel, row and column, where a view confirms a point of that relative deviation.
+/// The sure pixel, row and column, where a view confirms a point of that relative deviation.
 pub fn seen(view: &DepthView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
     let (camera, there) = (&view.camera, view.pose * position);
     let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
@@ -150,9 +160,8 @@ pub fn seen(view: &DepthView<'_>, position: &Point3<f64>, relative: f32) -> Opti
         return None;
     }
     let pixel = (y as usize, x as usize);
-    let (depth, sigma) = (f64::from(view.depth[pixel]), f64::from(view.sigma[pixel]));
-    let agree = (there.z - depth).abs() <= sigma + f64::from(relative) * there.z;
-    (depth > 0.0 && sigma.is_finite() && agree).then_some(pixel)
+    let [depth, sigma] = view.sure(pixel)?.map(f64::from);
+    ((there.z - depth).abs() <= sigma + f64::from(relative) * there.z).then_some(pixel)
 }
 
 #[cfg(test)]
@@ -175,7 +184,7 @@ mod tests {
     fn only_what_two_photographs_show_is_kept_and_each_surface_once() {
         let (mut depth, sigma) = (Array2::from_elem(SIZE, 2.0_f32), Array2::from_elem(SIZE, 0.05_f32));
         let wall = depth.clone();
-        depth[(5, 8)] = 1.5;
+        depth[(5, 8)] = 1.85;
         let camera = PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap();
         // Three pixels to the right.
         let shift = 3.0 * 2.0 / camera.fx;
@@ -192,10 +201,14 @@ mod tests {
         assert!((middle.position.z - (2.0 - 0.04 / 3.0)).abs() < 2e-3, "{middle:?}");
         assert!((middle.sigma / 0.05 - 1.0).abs() < 0.02, "{middle:?}");
         assert!(fused.iter().filter(|p| p.view == 2).all(|p| p.pixel[1] < 3));
-        // With a sigma that allows for the difference it is confirmed.
-        let vague = Array2::from_elem(SIZE, 0.3_f32);
-        let more = consistent_points(&[view(0.0, &depth, &vague), view(shift, &wall, &vague)]);
-        assert!(more.iter().any(|p| p.pixel == [5, 8]));
+        assert_eq!((points[0].confirmed, middle.confirmed), (1, 2));
+        // With a sigma that allows for the difference it is confirmed; with one that allows for anything nothing is.
+        let with = |sigma: f32| {
+            let sigma = Array2::from_elem(SIZE, sigma);
+            consistent_points(&[view(0.0, &depth, &sigma), view(shift, &wall, &sigma)])
+        };
+        assert!(with(0.1).iter().any(|p| p.pixel == [5, 8]));
+        assert!(with(0.13).is_empty());
         assert!(consistent_points(&[view(0.0, &wall, &sigma)]).is_empty());
     }
 }

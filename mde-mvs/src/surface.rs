@@ -10,8 +10,6 @@ use rayon::prelude::*;
 
 /// Voxels at most.
 const VOXELS: f64 = 4e6;
-/// Largest relative standard deviation of a depth that is fused.
-const LEAST_SURE: f32 = 0.06;
 /// Distances are cut at this number of voxels.
 const CUT: f32 = 4.0;
 /// Photographs that have to show a voxel near the surface, of two and more.
@@ -19,12 +17,6 @@ const SHOWN: u8 = 2;
 /// Share of the points beyond each side of the box, and the pixels between two of them along each axis.
 const BEYOND: f64 = 0.005;
 const STRIDE: usize = 4;
-
-/// Depth and sigma of a pixel, where that is sure enough to be fused.
-fn sure(view: &DepthView<'_>, at: (usize, usize)) -> Option<[f32; 2]> {
-    let (z, sigma) = (*view.depth.get(at)?, *view.sigma.get(at)?);
-    (z > 0.0 && sigma <= LEAST_SURE * z).then_some([z, sigma])
-}
 
 /// A vertex of a [`Surface`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,7 +99,7 @@ impl Grid {
             let (height, width) = view.camera.dim();
             for row in (0..height).step_by(STRIDE) {
                 for column in (0..width).step_by(STRIDE) {
-                    let Some([z, _]) = sure(view, (row, column)) else { continue };
+                    let Some([z, _]) = view.sure((row, column)) else { continue };
                     let pixel = Point2::new(column as f64, row as f64);
                     let point = world * view.camera.unproject(pixel, f64::from(z));
                     along.iter_mut().zip(point.iter()).for_each(|(along, x)| along.push(*x));
@@ -149,7 +141,7 @@ impl Grid {
                         continue;
                     }
                     let at = (y as usize, x as usize);
-                    let Some([depth, sigma]) = sure(view, at) else { continue };
+                    let Some([depth, sigma]) = view.sure(at) else { continue };
                     let distance = depth - point.z as f32;
                     if distance < -cut {
                         continue;

@@ -49,9 +49,9 @@ pub(crate) fn picture<'py>(
 ) -> PyResult<(Bound<'py, PyArray3<u8>>, [f64; 2])> {
     let map = map.as_array();
     let draw = match colours {
-        "viridis" => depth_picture_within,
-        "magma" => sigma_picture_within,
-        _ => return Err(raise(format!("colours is {colours:?}; give viridis or magma"))),
+        "depth" => depth_picture_within,
+        "sigma" => sigma_picture_within,
+        _ => return Err(raise(format!("colours is {colours:?}; give depth or sigma"))),
     };
     let (pixels, range) = py.detach(|| {
         let range = usual_range(map.iter());

@@ -2,11 +2,11 @@
 
 use crate::output::canvas::{Canvas, Colour, text_width};
 use crate::output::files::ResultFiles;
-use colorous::{Gradient, MAGMA, VIRIDIS};
+use colorous::{Gradient, MAGMA, SPECTRAL};
 use mde_prior::resample::shrink;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
-use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip};
 use std::sync::LazyLock;
 
 const BACKGROUND: Colour = [255; 3];
@@ -18,6 +18,8 @@ const BAR: usize = 14;
 /// Panels are not wider than this, and not narrower than the other.
 const WIDEST: usize = 640;
 const NARROWEST: usize = 240;
+/// The colours of sigma over depth, the same on all pictures.
+pub const RELATIVE: [f64; 2] = [0.0, 0.3];
 /// Width of a picture on a contact sheet.
 const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
@@ -25,20 +27,40 @@ const COLUMNS: usize = 4;
 /// Colours of a gradient at even steps, more than a channel has: its curve takes longer than all else of a picture.
 type Palette = [Colour; 1024];
 
-static DEPTHS: LazyLock<Palette> = LazyLock::new(|| palette(VIRIDIS));
-static SIGMAS: LazyLock<Palette> = LazyLock::new(|| palette(MAGMA));
+/// Evenly in the inverse depth, so that near edges and far ones are seen.
+static DEPTHS: LazyLock<Colours> = LazyLock::new(|| Colours::new(SPECTRAL, |z| -1.0 / z));
+static OTHERS: LazyLock<Colours> = LazyLock::new(|| Colours::new(MAGMA, |value| value));
 
-fn palette(gradient: Gradient) -> Palette {
-    std::array::from_fn(|step| gradient.eval_continuous(step as f64 / 1023.0).as_array())
+/// The colours of a map: their place along the palette is linear in what `of` makes of a value.
+struct Colours {
+    palette: Palette,
+    of: fn(f64) -> f64,
 }
 
-/// The colour at a share in 0 to 1.
-fn colour(palette: &Palette, share: f64) -> Colour {
-    palette[((1023.0 * share + 0.5) as usize).min(1023)]
+impl Colours {
+    fn new(gradient: Gradient, of: fn(f64) -> f64) -> Self {
+        let palette = std::array::from_fn(|step| gradient.eval_continuous(step as f64 / 1023.0).as_array());
+        Self { palette, of }
+    }
+
+    /// The colour at a share in 0 to 1.
+    fn at(&self, share: f64) -> Colour {
+        self.palette[((1023.0 * share + 0.5) as usize).min(1023)]
+    }
+
+    /// The colour of a value of that range.
+    fn shade(&self, value: f32, [low, high]: [f64; 2]) -> Colour {
+        if !known(value) {
+            return MISSING;
+        }
+        let [value, first, last] = [f64::from(value), low, high].map(self.of);
+        self.at(if high > low { ((value - first) / (last - first)).clamp(0.0, 1.0) } else { 0.5 })
+    }
 }
 
-/// Image, prior, refined and sigma side by side; with several photographs these are above, and the truth, where it is known, takes the
-/// place of the image. All depths share one scale, from 1 % to 99 % of the pixels of prior and refined.
+/// Image, prior, refined and sigma / depth side by side; with several photographs these are above, and the truth, where it is known, takes
+/// the place of the image. Without a network the number of photographs that confirm a pixel stands at the end in place of the prior. All
+/// depths share one scale, from 1 % to 99 % of the pixels of prior and refined.
 pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
     let (rows, columns, _) = show.image.dim();
     let (refined, unit) = (show.depth.mean(), show.png.unit);
@@ -61,10 +83,13 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
         canvas.text("photographs, the first is refined", [MARGIN, MARGIN], text, INK);
     }
 
-    let depths = usual_range(show.prior.iter().chain(refined));
-    let sigmas = usual_range(show.sigma.iter());
+    let [depths, prior] = [usual_range(show.prior.iter().chain(refined)), usual_range(show.prior.iter())];
+    let relative = relative_sigma(refined, show.sigma);
     let depth = |name: &str, map| (format!("{name} [{unit}]"), map, &*DEPTHS, depths);
-    let mut maps = vec![depth("prior", show.prior), depth("refined", refined)];
+    let mut maps = vec![depth("refined", refined)];
+    if prior[1] > prior[0] {
+        maps.insert(0, depth("prior", show.prior));
+    }
     match show.beside.truth.filter(|_| !show.beside.strip.is_empty()) {
         Some(truth) => maps.push(depth("truth", truth)),
         None => {
@@ -72,15 +97,20 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
             canvas.image([MARGIN, top], &shrink(show.image, (height, width)));
         }
     }
-    maps.push((format!("sigma [{unit}]"), show.sigma, &*SIGMAS, sigmas));
-    let first = 4 - maps.len();
-    for (index, (name, map, palette, range)) in maps.iter().enumerate() {
+    maps.push(("sigma / depth".to_owned(), relative.view(), &*OTHERS, RELATIVE));
+    let confirmed = show.beside.evidence.iter().find(|(name, _)| *name == "confirmed");
+    if let (true, Some((_, map))) = (prior[1] <= prior[0], confirmed) {
+        let most = map.iter().fold(1.0_f32, |most, count| most.max(*count));
+        maps.push(("confirmed by [photographs]".to_owned(), *map, &*OTHERS, [0.0, f64::from(most)]));
+    }
+    let first = 4_usize.saturating_sub(maps.len());
+    for (index, (name, map, colours, range)) in maps.iter().take(4).enumerate() {
         let left = MARGIN + (index + first) * (width + MARGIN);
         canvas.text(name, [left, title], text, INK);
         canvas.paint([left, top], panel, |x, y| {
-            shade(map[(y * rows / height, x * columns / width)], palette, *range)
+            colours.shade(map[(y * rows / height, x * columns / width)], *range)
         });
-        colour_bar(&mut canvas, [left, top + height + MARGIN], width, palette, *range, text);
+        colour_bar(&mut canvas, [left, top + height + MARGIN], width, colours, *range, text);
     }
     canvas.pixels
 }
@@ -126,13 +156,18 @@ pub fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Arra
 
 /// A map of sigma as a colour picture.
 pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Array3<u8> {
-    picture(sigma, &SIGMAS, range)
+    picture(sigma, &OTHERS, range)
 }
 
-fn picture(map: ArrayView2<'_, f32>, palette: &Palette, range: [f64; 2]) -> Array3<u8> {
+fn picture(map: ArrayView2<'_, f32>, colours: &Colours, range: [f64; 2]) -> Array3<u8> {
     let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
-    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], palette, range));
+    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| colours.shade(map[(y, x)], range));
     canvas.pixels
+}
+
+/// Sigma over depth, `[height, width]`; infinite where the depth is missing.
+pub fn relative_sigma(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Array2<f32> {
+    Zip::from(depth).and(sigma).map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY })
 }
 
 /// All views on one sheet, masked pixels in red.
@@ -167,13 +202,15 @@ fn colour_bar(
     canvas: &mut Canvas,
     [left, top]: [usize; 2],
     width: usize,
-    palette: &Palette,
+    colours: &Colours,
     [low, high]: [f64; 2],
     text: usize,
 ) {
     let steps = width.max(2) - 1;
-    canvas.paint([left, top], [width, BAR], |x, _| colour(palette, x as f64 / steps as f64));
-    for (share, value) in [(0.0, low), (0.5, 0.5 * (low + high)), (1.0, high)] {
+    canvas.paint([left, top], [width, BAR], |x, _| colours.at(x as f64 / steps as f64));
+    // Both functions of a value are their own inverse.
+    let middle = (colours.of)(0.5 * ((colours.of)(low) + (colours.of)(high)));
+    for (share, value) in [(0.0, low), (0.5, middle), (1.0, high)] {
         let label = number(value, high - low);
         let start = share * (width as f64 - text_width(&label, text) as f64).max(0.0);
         canvas.text(&label, [left + start as usize, top + BAR + MARGIN / 2], text, INK);
@@ -184,14 +221,6 @@ fn colour_bar(
 fn number(value: f64, range: f64) -> String {
     let digits = if range > 0.0 { (2.0 - range.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
     format!("{value:.digits$}")
-}
-
-fn shade(value: f32, palette: &Palette, [low, high]: [f64; 2]) -> Colour {
-    if !known(value) {
-        return MISSING;
-    }
-    let share = if high > low { (f64::from(value) - low) / (high - low) } else { 0.5 };
-    colour(palette, share.clamp(0.0, 1.0))
 }
 
 fn known(value: f32) -> bool {

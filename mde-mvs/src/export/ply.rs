@@ -9,24 +9,26 @@ pub fn encode(view: &DepthView<'_>, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud::default();
     for ((row, column), &sigma) in view.sigma.indexed_iter() {
         let Some(point) = view.point(row, column) else { continue };
-        cloud.push(point, view.normal(row, column, point), view.colour(row, column), sigma);
+        cloud.push(point, view.normal(row, column, point), view.colour(row, column), sigma, &[]);
     }
     cloud.encode("camera frame", unit)
 }
 
-/// The points that several `views` confirm, with the normals and colours of the pixels that they are of; `frame` names the world.
+/// The points that several `views` confirm, with the normals and colours of the pixels that they are of, and the number of other views that
+/// confirm each; `frame` names the world.
 pub fn encode_points(
     points: &[ConsistentPoint],
     views: &[DepthView<'_>],
     frame: &str,
     unit: &str,
 ) -> Vec<u8> {
-    let mut cloud = Cloud::default();
+    let mut cloud = Cloud { more: "property uchar confirmed\n", ..Cloud::default() };
     for found in points {
         let (view, [row, column]) = (&views[found.view], found.pixel);
         let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
         let normal = view.pose.rotation.inverse() * normal;
-        cloud.push(found.position, normal, view.colour(row, column), found.sigma);
+        let confirmed = u8::try_from(found.confirmed).unwrap_or(u8::MAX);
+        cloud.push(found.position, normal, view.colour(row, column), found.sigma, &[confirmed]);
     }
     cloud.encode(frame, unit)
 }
@@ -36,7 +38,7 @@ pub fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud { triangles: &surface.triangles, ..Cloud::default() };
     for vertex in &surface.vertices {
         let [position, normal] = [vertex.position, vertex.normal].map(|v| Vector3::from(v).cast());
-        cloud.push(position.into(), normal, vertex.colour.map(byte), vertex.sigma);
+        cloud.push(position.into(), normal, vertex.colour.map(byte), vertex.sigma, &[]);
     }
     cloud.encode(frame, unit)
 }
@@ -46,16 +48,19 @@ pub fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
 struct Cloud<'t> {
     bytes: Vec<u8>,
     count: usize,
+    /// Further properties of a point, a line each.
+    more: &'static str,
     triangles: &'t [[u32; 3]],
 }
 
 impl Cloud<'_> {
-    /// Adds a point with its unit normal and the standard deviation of its depth.
-    fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
+    /// Adds a point with its unit normal, the standard deviation of its depth and the further properties.
+    fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32, more: &[u8]) {
         let numbers = point.coords.iter().chain(&normal).map(|v| *v as f32);
         numbers.for_each(|number| self.bytes.extend(number.to_le_bytes()));
         self.bytes.extend(colour);
         self.bytes.extend(sigma.to_le_bytes());
+        self.bytes.extend(more);
         self.count += 1;
     }
 
@@ -68,8 +73,9 @@ impl Cloud<'_> {
              property float x\nproperty float y\nproperty float z\n\
              property float nx\nproperty float ny\nproperty float nz\n\
              property uchar red\nproperty uchar green\nproperty uchar blue\n\
-             property float sigma\n{}end_header\n",
+             property float sigma\n{}{}end_header\n",
             self.count,
+            self.more,
             match self.triangles.len() {
                 0 => String::new(),
                 count => format!("element face {count}\nproperty list uchar uint vertex_indices\n"),

@@ -271,8 +271,8 @@ class Result:
     def _repr_html_(self) -> str:
         height, width = self.depth.shape
         step = max(1, -(-width // _SHOWN))
-        depth, depths = native.picture(np.ascontiguousarray(self.depth[::step, ::step]), "viridis")
-        sigma, sigmas = native.picture(np.ascontiguousarray(self.sigma[::step, ::step]), "magma")
+        depth, depths = native.picture(np.ascontiguousarray(self.depth[::step, ::step]), "depth")
+        sigma, sigmas = native.picture(np.ascontiguousarray(self.sigma[::step, ::step]), "sigma")
         image = np.ascontiguousarray(self.image[::step, ::step])
         unit = html.escape(self.unit)
 

@@ -115,7 +115,7 @@ pub(crate) fn run(
     });
     let views: Vec<_> = views.collect();
     let points = write_all(output, &views, prepared.unit(), job.export)?;
-    mde_prior::write_atomic(&output.join(INDEX), every_page(output, &rows).as_bytes())?;
+    mde_prior::write_atomic(&output.join(INDEX), every_page(output, &rows)?.as_bytes())?;
     let input = args.capture.display().to_string();
     let Some(several) = prepared.several() else {
         bail!("{input}: one photograph; give two or more of one place")

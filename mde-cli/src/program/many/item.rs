@@ -1,7 +1,7 @@
 //! One of many photographs: its marker, its refinement, its row.
 
 use crate::output::every::PhotographRow;
-use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
+use crate::output::preview::{RELATIVE, depth_picture, relative_sigma, sigma_picture_within};
 use crate::output::record::versions;
 use crate::prior::hash_files;
 use crate::program::args::RefineArgs;
@@ -167,14 +167,11 @@ fn thumbnail(refined: &Refined<'_>) -> Result<Array3<f32>> {
     let small =
         |picture: ArrayView3<'_, u8>| shrink(picture.mapv(|v| f32::from(v) / 255.0).view(), (HEIGHT, width));
     let depth = &refined.refinement.depth;
-    let relative = ndarray::Zip::from(depth.mean())
-        .and(&depth.sigma())
-        .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });
-    let range = usual_range(relative.iter());
+    let relative = relative_sigma(depth.mean(), depth.sigma().view());
     let parts = [
         shrink(refined.image, (HEIGHT, width)),
         small(depth_picture(depth.mean()).view()),
-        small(sigma_picture_within(relative.view(), range).view()),
+        small(sigma_picture_within(relative.view(), RELATIVE).view()),
     ];
     Ok(concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?)
 }

@@ -4,7 +4,7 @@ use crate::scene::size::byte;
 use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use colorous::{Gradient, MAGMA, PURPLE_ORANGE, VIRIDIS};
+use colorous::{Gradient, MAGMA, PURPLE_ORANGE, SPECTRAL};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use mde_prior::photo::{encode_rgb_png, read_image};
@@ -75,7 +75,7 @@ pub(super) fn gradients() -> Value {
         let colours = (0..256).flat_map(|i| gradient.eval_continuous(f64::from(i) / 255.0).as_array());
         STANDARD.encode(colours.collect::<Vec<u8>>())
     };
-    json!({ "viridis": table(VIRIDIS), "magma": table(MAGMA), "diverging": table(PURPLE_ORANGE) })
+    json!({ "depth": table(SPECTRAL), "magma": table(MAGMA), "diverging": table(PURPLE_ORANGE) })
 }
 
 #[cfg(test)]

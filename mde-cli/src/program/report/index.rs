@@ -1,12 +1,18 @@
-//! The page of a folder with a folder for each photograph: no script, and pictures from beside it.
+//! The page of a folder with a folder for each photograph, with pictures from beside it; without a script but for the view of a capture.
 
 use crate::output::every::PhotographRow;
 use crate::program::report::page::{STYLE, escaped};
 use std::fmt::Write as _;
 
 /// The page of `all` photographs, or of those that a run has so far, the least sure first; each has a folder with `picture`; `files` stand
-/// beside the folders.
-pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &str, files: &[&str]) -> String {
+/// beside the folders; `view` stands above the table.
+pub(crate) fn photographs_page(
+    rows: &[&PhotographRow],
+    all: usize,
+    picture: &str,
+    files: &[&str],
+    view: Option<&str>,
+) -> String {
     let mut sorted = rows.to_vec();
     // What failed comes before what has a sigma.
     let sigma =
@@ -21,7 +27,7 @@ pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &st
         let shown = row.folder.as_deref().map_or_else(String::new, |folder| {
             let folder = quoted(folder);
             format!(
-                "<a href=\"{folder}/{}\"><img loading=\"lazy\" src=\"{folder}/{picture}\" alt=\"{name}: photograph, depth, sigma\" style=\"max-width: 60rem\"></a>",
+                "<a href=\"{folder}/{}\"><img loading=\"lazy\" src=\"{folder}/{picture}\" alt=\"{name}: photograph, depth, sigma\" style=\"max-width: min(42rem, 88vw)\"></a>",
                 super::FILE
             )
         });
@@ -53,9 +59,10 @@ pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &st
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{count}</title>\n\
          <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}\ntd:first-child {{ white-space: normal; min-width: 18rem; }}</style>\n</head>\n<body>\n<main>\n<h1>{count}</h1>\n\
          <p>{failed} failed. The least sure are first: by the median of sigma / depth. A picture leads to its report. \
-         All together: {links}.</p>\n<div style=\"overflow: auto\"><table>\n<tr><th></th><th>photograph</th><th>sigma / depth, %</th><th>90 % below, %</th>\
+         All together: {links}.</p>\n{view}<div style=\"overflow: auto\"><table>\n<tr><th></th><th>photograph</th><th>sigma / depth, %</th><th>90 % below, %</th>\
          <th>median depth, {unit}</th><th>seconds</th></tr>\n{body}</table></div>\n</main>\n</body>\n</html>\n",
         links = links.join(", "),
+        view = view.unwrap_or_default(),
         unit = quoted(unit),
     )
 }
@@ -78,9 +85,9 @@ mod tests {
         };
         let rows = [row("a", Some(0.1), None), row("b", Some(0.3), None), row("c", None, Some("no & such"))];
         let rows = rows.each_ref();
-        let html = photographs_page(&rows, 3, "small.png", &["index.csv"]);
+        let html = photographs_page(&rows, 3, "small.png", &["index.csv"], None);
         assert!(html.contains("<h1>3 photographs</h1>"), "{html}");
-        let partial = photographs_page(&rows[..2], 3, "small.png", &["index.csv"]);
+        let partial = photographs_page(&rows[..2], 3, "small.png", &["index.csv"], None);
         assert!(partial.contains("<h1>2 of 3 photographs, so far</h1>"), "{partial}");
         let at = |name: &str| html.find(&format!("<td>&lt;{name}&gt;&quot;<br>")).unwrap();
         assert!(at("c") < at("b") && at("b") < at("a"), "{html}");

@@ -1,6 +1,7 @@
 //! `report.html`: one self-contained page that shows a finished folder. It is made from the files of the folder, so it can
 //! be made again at any time.
 
+mod capture;
 mod encode;
 mod evaluation;
 mod index;
@@ -27,11 +28,13 @@ pub(crate) const FILE: &str = "report.html";
 pub(crate) const INDEX: &str = "index.html";
 
 /// The page of all photographs of a capture in its folder, before the record is written.
-pub(crate) fn every_page(folder: &Path, rows: &[PhotographRow]) -> String {
+pub(crate) fn every_page(folder: &Path, rows: &[PhotographRow]) -> Result<String> {
     let files = [CLOUD, MESHES[0], MESHES[1], TRANSFORMS, RECORD];
     let there = |file: &&str| *file == RECORD || folder.join(file).is_file();
     let files: Vec<&str> = files.into_iter().filter(there).collect();
-    photographs_page(&rows.iter().collect::<Vec<_>>(), rows.len(), "preview.png", &files)
+    let view = capture::view(folder, rows)?;
+    let rows: Vec<&PhotographRow> = rows.iter().collect();
+    Ok(photographs_page(&rows, rows.len(), "preview.png", &files, view.as_deref()))
 }
 
 /// Writes the page of a run's or an evaluation's folder into it, atomically; of a whole capture also those of its photographs.
@@ -51,7 +54,7 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
                     write(&folder.join(name))?;
                 }
                 name = INDEX;
-                every_page(folder, &rows)
+                every_page(folder, &rows)?
             }
             None => run::page(folder)?,
         }

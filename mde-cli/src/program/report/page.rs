@@ -4,9 +4,12 @@ use serde_json::Value;
 
 const PAGE: &str = include_str!("assets/page.html");
 pub(super) const STYLE: &str = include_str!("assets/report.css");
+const COMMON: &str = include_str!("assets/common.js");
+const ORBIT: &str = include_str!("assets/orbit.js");
 /// Everything that the scripts share, then the parts, then the start.
-const SCRIPTS: [&str; 9] = [
-    include_str!("assets/common.js"),
+const SCRIPTS: [&str; 10] = [
+    COMMON,
+    ORBIT,
     include_str!("assets/layers.js"),
     include_str!("assets/photographs.js"),
     include_str!("assets/viewer.js"),
@@ -23,6 +26,16 @@ pub(super) fn page(title: &str, data: &Value) -> String {
         .replace("{{style}}", STYLE)
         .replace("{{script}}", &SCRIPTS.concat())
         .replacen("{{data}}", &inert(data), 1)
+}
+
+/// The view of a capture within another page: its place, its data and its scripts.
+pub(super) fn embedded(data: &Value) -> String {
+    let script = [COMMON, ORBIT, include_str!("assets/capture.js")].concat();
+    let data = inert(data);
+    format!(
+        "<div id=\"capture\"></div>\n<script type=\"application/json\" id=\"data\">{data}</script>\n\
+         <script>\n\"use strict\";\n(() => {{\n{script}}})();\n</script>\n"
+    )
 }
 
 /// JSON that can neither end its script element nor begin another.

@@ -149,7 +149,7 @@ function sceneList() {
       return figure(map.method, score === undefined ? null : label + number(score), picture(map.depth, `depth of ${map.method}`), picture(map.sigma, `sigma of ${map.method}`));
     });
     const photo = scene.thumbnails.image ? figure("picture", null, picture(scene.thumbnails.image, `picture of ${scene.id}`)) : null;
-    const block = make("div", { class: "scene" }, make("div", { class: "row head" }, make("h3", {}, scene.id), thumbnailScale("depth", "viridis", scene.thumbnails.depths), thumbnailScale("sigma", "magma", scene.thumbnails.sigmas)), make("div", { class: "strip", tabindex: "0", role: "region", "aria-label": `maps of ${scene.id}` }, photo, tiles));
+    const block = make("div", { class: "scene" }, make("div", { class: "row head" }, make("h3", {}, scene.id), thumbnailScale("depth", "depth", scene.thumbnails.depths), thumbnailScale("sigma", "magma", scene.thumbnails.sigmas)), make("div", { class: "strip", tabindex: "0", role: "region", "aria-label": `maps of ${scene.id}` }, photo, tiles));
     const bad = badness(scene);
     blocks.push({ block, bad: Number.isFinite(bad) ? bad : -Infinity });
   }

@@ -28,15 +28,16 @@ async function decodePicture(address, [width, height]) {
   return { canvas, pixels: context.getImageData(0, 0, width, height).data };
 }
 
-/** `shade(value, low, high)` gives a little-endian RGBA word. */
+/** `shade(value, low, high)` gives a little-endian RGBA word, `middle` the value of the middle colour; depths are even in their inverse. */
 function ramp(name) {
+  const of = name === "depth" ? (value) => -1 / value : (value) => value;
   const table = bytesOf(report.gradients[name]);
   const words = new Uint32Array(256);
   for (let i = 0; i < 256; i += 1) {
     words[i] = (255 << 24) | (table[3 * i + 2] << 16) | (table[3 * i + 1] << 8) | table[3 * i];
   }
   const shade = (value, low, high) => {
-    const share = high > low ? (value - low) / (high - low) : 0.5;
+    const share = high > low ? (of(value) - of(low)) / (of(high) - of(low)) : 0.5;
     return words[Math.max(0, Math.min(255, Math.round(share * 255)))];
   };
   const css = () => {
@@ -44,7 +45,8 @@ function ramp(name) {
     for (let i = 0; i < 256; i += 15) stops.push(`rgb(${table[3 * i]} ${table[3 * i + 1]} ${table[3 * i + 2]})`);
     return `linear-gradient(to right, ${stops.join(", ")})`;
   };
-  return { shade, css };
+  // Both functions are their own inverse.
+  return { shade, css, middle: (low, high) => of((of(low) + of(high)) / 2) };
 }
 
 const MISSING = (255 << 24) | (128 << 16) | (128 << 8) | 128;
@@ -70,7 +72,7 @@ function colourBar(layer) {
   const [low, high] = layer.range;
   const bar = make("span", { class: "bar", role: "img", "aria-label": `colours from ${number(low)} to ${number(high)}` });
   bar.style.background = layer.ramp.css();
-  const ends = [low, (low + high) / 2, high].map((v) => make("span", {}, layer.signed ? signed(v) : number(v)));
+  const ends = [low, layer.ramp.middle(low, high), high].map((v) => make("span", {}, layer.signed ? signed(v) : number(v)));
   return make("div", { class: "scale" }, bar, make("div", { class: "ends" }, ends));
 }
 
@@ -82,7 +84,7 @@ async function runLayers() {
   const decoded = await Promise.all(names.map((name) => decodeMap(report.maps[name], size)));
   const maps = Object.fromEntries(names.map((name, i) => [name, decoded[i]]));
   const photo = await decodePicture(report.image, size);
-  const viridis = ramp("viridis"), magma = ramp("magma"), diverging = ramp("diverging");
+  const spectral = ramp("depth"), magma = ramp("magma"), diverging = ramp("diverging");
   const { prior, refined, sigma } = maps;
   maps.prior_sigma = prior.map((d) => (d > 0 ? Math.hypot(report.prior_error[0], report.prior_error[1] * d) : 0));
   const both = prior.map((p, i) => (p > 0 && refined[i] > 0 ? 1 : 0));
@@ -97,14 +99,14 @@ async function runLayers() {
   maps.relative = relative;
   const layers = {
     image: { label: "Photograph", canvas: photo.canvas, smooth: true },
-    prior: { label: "Prior", values: prior, ramp: viridis, range: depths, unit, known: positive(prior) },
-    refined: { label: "Refined", values: refined, ramp: viridis, range: depths, unit, known: positive(refined) },
+    prior: { label: "Prior", values: prior, ramp: spectral, range: depths, unit, known: positive(prior) },
+    refined: { label: "Refined", values: refined, ramp: spectral, range: depths, unit, known: positive(refined) },
     sigma: { label: "Sigma", values: sigma, ramp: magma, range: spread(quantiles(sigma, [0.05, 0.95])), unit, known: positive(sigma) },
-    relative: { label: "Sigma / depth", values: relative, ramp: magma, range: spread(quantiles(relative, [0.05, 0.95])), unit: "%", known: positive(relative) },
+    relative: { label: "Sigma / depth", values: relative, ramp: magma, range: [0, 30], unit: "%", known: positive(relative) },
     difference: { label: "Refined − prior", values: difference, ramp: diverging, range: [-largest, largest], unit, signed: true, known: (place) => both[place] === 1 },
   };
   if (maps.truth) {
-    layers.truth = { label: "Truth", values: maps.truth, ramp: viridis, range: quantiles(maps.truth, [0.01, 0.99]), unit: "m", known: positive(maps.truth) };
+    layers.truth = { label: "Truth", values: maps.truth, ramp: spectral, range: quantiles(maps.truth, [0.01, 0.99]), unit: "m", known: positive(maps.truth) };
   }
   const alignment = report.record.scores?.by_alignment[report.record.scores.shown];
   if (maps.truth && alignment) {

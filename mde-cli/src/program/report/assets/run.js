@@ -30,7 +30,7 @@ async function runPage(page) {
     document.getElementById("viewer").scrollIntoView({ block: "center" });
     document.getElementById("viewer").focus({ preventScroll: true });
   })));
-  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile, of sigma from the 5th to the 95th; missing pixels are grey. In differences and errors, orange is farther, purple nearer. The files below the maps are in the folder of this page, and not in the page itself.", gallery,
+  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile, of depths evenly in the inverse depth, of sigma from the 5th to the 95th; missing pixels are grey. In differences and errors, orange is farther, purple nearer. The files below the maps are in the folder of this page, and not in the page itself.", gallery,
     make("div", { class: "charts" }, histogram("Depth", layers.refined), histogram("Sigma / depth", layers.relative)));
 
   section("Point cloud", "Drag to turn, wheel or pinch to zoom; on the keyboard: arrows, plus, minus, 0 to reset.", cloud(scene));

@@ -33,7 +33,7 @@ const EDGES = { prior: "#ff9d1e", refined: "#19e3ff" };
 function viewer({ layers, maps }) {
   const [width, height] = report.size;
   const unit = report.record.unit === "unscaled" ? "" : `${NBSP}${report.record.unit}`;
-  const state = { left: "image", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set(), measure: false, ends: [] };
+  const state = { left: report.record.prior?.source === "none" ? "image" : "prior", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set(), measure: false, ends: [] };
   const edges = {};
   /** Upper left corner of the part of the maps that is shown, and how many times larger than the whole it is. */
   const view = { x: 0, y: 0, zoom: 1 };
