@@ -44,7 +44,10 @@ pub fn colmap_workspace<E: Send>(
     })?;
     let frames: Vec<_> = views.iter().map(|(view, name)| Frame::of_view(view, name)).collect();
     for (name, text) in colmap_text(&frames, &tracks(views, points)) {
-        write(&format!("sparse/{name}"), text.as_bytes())?;
+        // The second is where trainers of splats look.
+        for folder in ["sparse", "sparse/0"] {
+            write(&format!("{folder}/{name}"), text.as_bytes())?;
+        }
     }
     let lines = |more: &str| views.iter().map(|(_, name)| format!("{name}\n{more}")).collect::<String>();
     // As COLMAP's undistorter writes it: the 20 photographs that share most points.

@@ -4,9 +4,12 @@ use super::{IMAGE, RefinedView, subfolder};
 use crate::error::Result;
 use mde_mvs::capture::{colmap_view, colmap_workspace};
 use mde_mvs::cloud::{ConsistentPoint, DepthView};
+use mde_prior::format::write_png16;
 use mde_prior::photo::write_image;
 use mde_prior::write_atomic;
+use ndarray::Array2;
 use rayon::prelude::*;
+use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// The folder of the model or the workspace.
@@ -20,8 +23,11 @@ pub(crate) fn write(folder: &Path, view: &DepthView<'_>) -> Result<()> {
     Ok(write_image(subfolder(folder, "colmap/images")?.join(IMAGE), view.image)?)
 }
 
+/// Steps of an inverse depth in trainers of splats.
+const STEPS: f64 = 65536.0;
+
 /// Writes the workspace: the photographs as they were refined, named after their folders, their poses, depths and normals, and a subset of
-/// the `points`.
+/// the `points`; for trainers of splats also the inverse depths of sure pixels in 16 bits and the factor that they share.
 pub(crate) fn write_dense(
     folder: &Path,
     views: &[RefinedView<'_>],
@@ -29,7 +35,21 @@ pub(crate) fn write_dense(
 ) -> Result<()> {
     let images = subfolder(folder, "colmap/images")?;
     let views: Vec<_> = views.iter().map(|view| (view.map, format!("{}.png", view.folder))).collect();
-    views.par_iter().try_for_each(|(view, name)| write_image(images.join(name), view.image))?;
+    let depths = subfolder(folder, "colmap/depths")?;
+    let inverse = |view: &DepthView<'_>| {
+        Array2::from_shape_fn(view.depth.dim(), |at| view.sure(at).map_or(0.0, |[z, _]| z.recip()))
+    };
+    let largest = |view: &DepthView<'_>| inverse(view).into_iter().fold(f32::MIN_POSITIVE, f32::max);
+    let nearest = views.par_iter().map(|(view, _)| largest(view)).reduce(|| f32::MIN_POSITIVE, f32::max);
+    let steps = (STEPS - 1.0) / f64::from(nearest);
+    views.par_iter().try_for_each(|(view, name)| {
+        write_png16(depths.join(name), inverse(view).view(), steps)?;
+        write_image(images.join(name), view.image)
+    })?;
+    let factor = json!({ "scale": STEPS / steps, "offset": 0.0 });
+    let factors: Map<String, Value> =
+        views.iter().map(|(_, name)| (name.trim_end_matches(".png").to_owned(), factor.clone())).collect();
+    write_file(folder, "sparse/0/depth_params.json", format!("{:#}\n", Value::from(factors)).as_bytes())?;
     colmap_workspace(&views, points, |name, bytes| write_file(folder, name, bytes))
 }
 
