@@ -151,11 +151,11 @@ impl World {
 
     /// Whether a camera can be carried from the reference to a pose, and has nothing right before it.
     fn has_space(&self, pose: &Pose) -> bool {
-        let eye = self.eye.moved(pose);
-        let way = eye.origin - self.eye.origin;
-        let (length, origin) = (way.norm(), self.eye.origin);
+        let origin = self.setting.eye.origin;
+        let way = self.setting.eye.moved(pose).origin - origin;
+        let length = way.norm();
         let ray = Ray { origin, direction: way / length };
-        if self.model.bodies.nearest(&ray, length + CLEARANCE).is_some() {
+        if self.bodies.nearest(&ray, length + CLEARANCE).is_some() {
             return false;
         }
         let Ok(camera) = self.camera(16, 12) else { return false };
