@@ -76,9 +76,8 @@ fn usual(model: &Model) -> Option<ModelSpec> {
     Some(ModelSpec { output, ..ModelSpec::profile(profile).ok()? })
 }
 
-fn described(usual: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec {
-    let Some(given) = preprocessor else { return usual };
-    let mut spec = usual;
+fn described(mut spec: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec {
+    let Some(given) = preprocessor else { return spec };
     match given.size {
         Some(Size::Both(side)) => (spec.height, spec.width) = (side, side),
         Some(Size::Each { height, width }) => (spec.height, spec.width) = (height, width),
