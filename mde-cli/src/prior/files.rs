@@ -1,8 +1,7 @@
 //! Priors from files: maps, and networks with their format.
 
 use crate::error::{Error, Result};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
+use crate::prior::{METRES, OpenPrior, PriorForm, PriorOrigin};
 use mde_prior::format::{PngContent, ReadOptions, png_content};
 use mde_prior::{DepthKind, FileKind, FilePrior, open};
 use std::io::Read as _;

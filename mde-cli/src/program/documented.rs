@@ -1,10 +1,9 @@
 //! Checks of the documents and of the help: their commands, options and settings exist.
 
 use crate::config::{Config, Preset};
-use crate::program::args::Cli;
+use crate::program::Cli;
 use crate::program::args::Command as Subcommand;
-use crate::program::evaluation::ablation;
-use crate::program::evaluation::method::Method;
+use crate::program::evaluation::{Method, ablation};
 use clap::error::ErrorKind;
 use clap::{Command, CommandFactory, Parser};
 use std::collections::BTreeSet;

@@ -1,12 +1,9 @@
 //! Progress: a line that is drawn again on a terminal, plain lines elsewhere, JSON lines, or nothing.
 
 use crate::output::record::{TrainingCurve, follow};
-use crate::program::args::RunArgs;
-use crate::program::error::flags;
-use crate::program::interrupt;
-use crate::program::open::settings::start_threads;
-use crate::program::terminal::{columns, one_line, visible};
-use crate::refinement::event::{Event, Stage};
+use crate::program::open::start_threads;
+use crate::program::{RunArgs, columns, flags, interrupt, one_line, visible};
+use crate::refinement::{Event, Stage};
 use crate::refiner::Observer;
 use anyhow::Result;
 use console::{Term, style, truncate_str};

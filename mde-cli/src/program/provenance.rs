@@ -1,10 +1,10 @@
 //! Provenance of a run: command, versions, memory.
 
 use crate::output::record::About;
-use crate::program::progress::Progress;
-use crate::program::store::folder::RECORD;
+use crate::program::Progress;
+use crate::program::store::RECORD;
 use crate::refiner::Settings;
-use crate::scene::camera::KnownCamera;
+use crate::scene::KnownCamera;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use serde_json::Value;

@@ -1,10 +1,9 @@
 //! Summary of a finished run.
 
-use crate::prior::origin::PriorForm;
-use crate::program::error::flags;
-use crate::refiner::Refined;
-use crate::refiner::error_bar::ErrorBar;
-use crate::reports::capture::{CaptureReport, PoseSource};
+use crate::prior::PriorForm;
+use crate::program::flags;
+use crate::refiner::{ErrorBar, Refined};
+use crate::reports::{CaptureReport, PoseSource};
 use mde_uncertainty::statistics::{median, quantile};
 
 /// What `--interval` adds to each folder of several photographs, as a line; nothing without it.

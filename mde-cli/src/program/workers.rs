@@ -1,8 +1,7 @@
 //! Work side by side, on threads of its own: a pool's thread that waits for memory could take up a task that waits for it.
 
 use crate::error::Error;
-use crate::program::error::fault;
-use crate::program::interrupt;
+use crate::program::{fault, interrupt};
 use anyhow::{Result, anyhow, bail};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -17,15 +17,14 @@ pub mod stages;
 mod upsample;
 pub mod views;
 
+pub use event::{Callback, Event, Stage};
+pub use stages::{FieldFactory, FieldRequest, Stages};
+
 use crate::config::{Config, IterationPrior};
 use crate::error::{Error, Result};
-use crate::refinement::event::{Callback, Event, Stage};
 use crate::refinement::predict::{Start, predict};
-use crate::refinement::stages::Stages;
 use crate::refinement::views::synthesise;
-use crate::reports::Refinement;
-use crate::reports::iteration::IterationReport;
-use crate::reports::prediction::Component;
+use crate::reports::{Component, IterationReport, Refinement};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;

@@ -2,7 +2,7 @@
 
 use crate::config::{Config, SigmaConfig};
 use crate::error::{Error, Result};
-use crate::reports::prediction::{AugmentationReport, Component};
+use crate::reports::{AugmentationReport, Component};
 use mde_prior::augment::{Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;

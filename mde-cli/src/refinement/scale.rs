@@ -5,9 +5,8 @@
 //! own standard deviation is left out for depths. The variance of \\(a u + b\\) becomes a part of sigma.
 
 use crate::error::{Error, Result};
-use crate::reports::Refinement;
-use crate::reports::prediction::Component;
-use crate::scene::known::KnownDepth;
+use crate::reports::{Component, Refinement};
+use crate::scene::KnownDepth;
 use mde_fusion::{Affine, LinePoint, RobustLine};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;

@@ -1,6 +1,5 @@
 use crate::error::{Error, Result};
-use crate::reports::Refinement;
-use crate::reports::prediction::Component;
+use crate::reports::{Component, Refinement};
 use mde_prior::Certainty;
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_uncertainty::GaussianDepth;

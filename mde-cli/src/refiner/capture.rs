@@ -2,8 +2,7 @@
 
 use crate::error::{Error, Result, text};
 use crate::refiner::{Observer, Plan, Refiner};
-use crate::scene::camera::{CameraSource, GivenCamera, KnownCamera};
-use crate::scene::{Photograph, Scene};
+use crate::scene::{CameraSource, GivenCamera, KnownCamera, Photograph, Scene};
 use mde_mvs::capture::{CaptureFiles, Distortion, Lens};
 use mde_prior::photo::{image_size, read_image};
 use std::path::{Path, PathBuf};

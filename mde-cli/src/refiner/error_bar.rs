@@ -2,7 +2,7 @@
 
 use crate::config::{Config, Preset};
 use crate::error::Result;
-use crate::prior::origin::{PriorForm, PriorOrigin};
+use crate::prior::{PriorForm, PriorOrigin};
 use crate::refiner::calibration::{fingerprint, read, shipped};
 use crate::reports::Refinement;
 use mde_uncertainty::GaussianDepth;

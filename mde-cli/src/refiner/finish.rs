@@ -2,16 +2,12 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result, text};
-use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
+use crate::prior::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
-use crate::refiner::error_bar::Stated;
 use crate::refiner::plausibility::doubts;
-use crate::refiner::{Prepared, Settings};
-use crate::reports::Refinement;
-use crate::reports::prediction::Component;
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::size::{byte, thumbnail};
-use crate::scene::{SameScale, Scene};
+use crate::refiner::{Prepared, Settings, Stated};
+use crate::reports::{Component, Refinement};
+use crate::scene::{CameraSource, KnownCamera, SameScale, Scene, byte, thumbnail};
 use mde_prior::DepthKind;
 use mde_prior::format::DepthPng;
 use mde_uncertainty::statistics::median;

@@ -37,25 +37,20 @@ pub mod same_scale;
 #[cfg(test)]
 mod tests;
 
-pub use finish::{Refined, Unit};
+pub use error_bar::{ErrorBar, Stated};
+pub use finish::{NOVEL, RENDERED, Refined, Unit, picture_of};
+pub use plan::inference::PhotographMemory;
+pub use plan::limit::MemoryLimit;
+pub use plan::{SceneMemory, refine_bytes, render_bytes, scene_bytes};
 
 use crate::config::{Config, Preset};
 use crate::error::{Error, Result, text};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::refinement::event::Event;
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
 use crate::refinement::predict::known;
-use crate::refinement::refine;
-use crate::refinement::stages::{FieldFactory, Stages};
 use crate::refinement::views::synthesise;
+use crate::refinement::{Event, FieldFactory, Stages, refine};
 use crate::refiner::bound::PhotographPrior;
-use crate::refiner::error_bar::ErrorBar;
-use crate::refiner::plan::inference::PhotographMemory;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::plan::scene_bytes;
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::size::Sizes;
-use crate::scene::{Photograph, Scene};
+use crate::scene::{CameraSource, KnownCamera, Photograph, Scene, Sizes};
 use crate::several::prepared::PreparedScene;
 use mde_prior::{DepthPrior, ModelSpec};
 use mde_warp::{PinholeCamera, PosedView, WarpReport};

@@ -2,9 +2,7 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::scene::SameScale;
-use crate::scene::camera::KnownCamera;
-use crate::scene::size::within;
+use crate::scene::{KnownCamera, SameScale, within};
 use mde_mvs::poses::{LogFactor, PoseInput, Prepared, ScaleMatches};
 use mde_prior::resample::{nearest, shrink};
 use mde_prior::{DepthPrior, DisparityRule};

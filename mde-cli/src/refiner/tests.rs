@@ -1,13 +1,10 @@
 //! The one way with procedural rooms: what earlier ways of their own got wrong.
 
 use crate::config::{Config, Preset};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::refinement::event::Event;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::{Observer, Refined, Refiner, Settings, Silent, Unit};
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::{Photograph, Scene};
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
+use crate::refinement::Event;
+use crate::refiner::{MemoryLimit, Observer, Refined, Refiner, Settings, Silent, Unit};
+use crate::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use mde_eval::capture::Capture;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_prior::augment::Predictions;

@@ -1,6 +1,6 @@
 //! Several photographs: poses, choice, sweeps and field.
 
-use crate::reports::evidence::Evidence;
+use crate::reports::Evidence;
 use mde_fusion::FusionReport;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;

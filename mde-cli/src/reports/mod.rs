@@ -6,4 +6,8 @@ pub mod iteration;
 pub mod prediction;
 mod refinement;
 
+pub use capture::{CaptureReport, PoseSource};
+pub use evidence::Evidence;
+pub use iteration::IterationReport;
+pub use prediction::{AugmentationReport, Component};
 pub use refinement::Refinement;

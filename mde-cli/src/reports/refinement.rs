@@ -1,9 +1,7 @@
 //! The maps of a refinement and what its steps found.
 
 use crate::error::{Error, Result};
-use crate::reports::capture::{CaptureReport, PoseSource};
-use crate::reports::iteration::IterationReport;
-use crate::reports::prediction::{AugmentationReport, Component};
+use crate::reports::{AugmentationReport, CaptureReport, Component, IterationReport, PoseSource};
 use mde_nerf::RadianceField;
 use mde_prior::Certainty;
 use mde_uncertainty::GaussianDepth;

@@ -7,7 +7,7 @@ use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transfor
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refiner::plan::scene_bytes;
+use mde_cli::refiner::scene_bytes;
 use mde_cli::{Config, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;

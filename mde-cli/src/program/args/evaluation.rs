@@ -2,7 +2,7 @@
 
 use crate::config::Preset;
 use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, grid, size};
-use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs};
+use crate::program::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind, Shard};

@@ -4,14 +4,8 @@ mod evaluation;
 mod groups;
 mod values;
 
-pub(crate) use evaluation::{
-    AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
-    PixelArgs, ScoreMapsArgs, Simulated, Withheld,
-};
-pub(crate) use groups::{
-    CameraArgs, MemoryArgs, NetworkArgs, PresetArgs, PriorArgs, RefinementArgs, ResultArgs, RunArgs,
-    SettingsArgs, SizeArgs,
-};
+pub(crate) use evaluation::*;
+pub(crate) use groups::*;
 
 use crate::config::Preset;
 use crate::program::args::values::{KINDS, PRESETS, choice, formats, size, triple};

@@ -1,6 +1,4 @@
-use crate::program::args::BenchArgs;
-use crate::program::provenance::peak_memory;
-use crate::program::terminal::print;
+use crate::program::{BenchArgs, peak_memory, print};
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::Table;
 use mde_nerf::NerfConfig;

@@ -1,13 +1,10 @@
 //! `mde eval`, `mde ablate` and `mde calibrate`.
 
 use crate::config::Config;
-use crate::program::args::{AblateArgs, CalibrateArgs, CaptureArgs, EvalArgs};
 use crate::program::evaluation::ablation::FULL;
-use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::runner::{Evaluation, Request};
-use crate::program::evaluation::{ablation, results};
-use crate::program::open::settings::overridden;
-use crate::program::progress::Progress;
+use crate::program::evaluation::{Evaluation, Method, PRIOR, Request, ablation, results};
+use crate::program::open::overridden;
+use crate::program::{AblateArgs, CalibrateArgs, CaptureArgs, EvalArgs, Progress};
 use crate::refiner::calibration::fingerprint;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::statistics::Bootstrap;

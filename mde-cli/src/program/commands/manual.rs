@@ -1,7 +1,6 @@
 //! `mde completions` and `mde man`.
 
-use crate::program::args::command;
-use crate::program::terminal::print;
+use crate::program::{command, print};
 use anyhow::{Context, Result};
 use clap_complete::Shell;
 use clap_mangen::Man;

@@ -11,9 +11,7 @@ mod render;
 mod score;
 mod warp;
 
-use crate::program::args::Command;
-use crate::program::report;
-use crate::program::terminal::{line_of, print};
+use crate::program::{Command, line_of, print, report};
 use anyhow::Result;
 
 pub(crate) fn run(command: &Command) -> Result<()> {

@@ -1,16 +1,12 @@
 //! `mde poses`: the poses of photographs.
 
 use crate::config::Preset;
-use crate::program::args::PosesArgs;
-use crate::program::open::photographs::existing;
-use crate::program::open::prior;
 use crate::program::open::scene::{size, unposed};
-use crate::program::open::settings::{limit, sizes};
-use crate::program::progress::Progress;
-use crate::program::store::folder::{NewFolder, check_new_file};
-use crate::program::terminal::line_of;
+use crate::program::open::{existing, limit, prior, sizes};
+use crate::program::store::{NewFolder, check_new_file};
+use crate::program::{PosesArgs, Progress, line_of};
 use crate::refiner::{Refiner, Settings};
-use crate::reports::capture::CaptureReport;
+use crate::reports::CaptureReport;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, relative_path, transforms_json};

@@ -1,18 +1,12 @@
 //! `mde refine` and `mde dense`.
 
 use crate::config::Preset;
-use crate::program::args::{DenseArgs, RefineArgs};
-use crate::program::error::Partial;
-use crate::program::job::Job;
 use crate::program::many::{self, every};
-use crate::program::open::settings::refinement_settings;
-use crate::program::open::truth::Truth;
-use crate::program::open::{photographs, prior, scene};
-use crate::program::progress::Progress;
-use crate::program::store::folder::OutputFolder;
-use crate::program::terminal::line_of;
+use crate::program::open::{Truth, photographs, prior, refinement_settings, scene};
+use crate::program::store::OutputFolder;
+use crate::program::{DenseArgs, Job, Partial, Progress, RefineArgs, line_of};
 use crate::refiner::Refiner;
-use crate::scene::known::KnownDepths;
+use crate::scene::KnownDepths;
 use anyhow::{Result, ensure};
 
 /// `mde refine`.

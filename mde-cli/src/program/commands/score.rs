@@ -1,16 +1,11 @@
 //! `mde score`: depth maps of any program.
 
-use crate::prior::files::read_options;
-use crate::program::args::ScoreMapsArgs;
-use crate::program::evaluation::results;
+use crate::prior::read_options;
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::scoring::Scoring;
-use crate::program::evaluation::store::Store;
-use crate::program::interrupt;
-use crate::program::open::settings::limit;
-use crate::program::progress::Progress;
-use crate::refiner::Observer;
-use crate::refiner::plan::SceneMemory;
+use crate::program::evaluation::{Scoring, Store, results};
+use crate::program::open::limit;
+use crate::program::{Progress, ScoreMapsArgs, interrupt};
+use crate::refiner::{Observer, SceneMemory};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, map_pairs};
 use mde_eval::score::{Subject, score};

@@ -2,13 +2,9 @@
 
 use crate::config::Preset;
 use crate::output::preview::contact_sheet;
-use crate::program::args::WarpArgs;
-use crate::program::open::settings::{settings, sizes};
-use crate::program::open::{prior, scene};
-use crate::program::progress::Progress;
-use crate::program::provenance::{about, write_json, write_record};
-use crate::program::store::folder::OutputFolder;
-use crate::program::terminal::line_of;
+use crate::program::open::{prior, scene, settings, sizes};
+use crate::program::store::OutputFolder;
+use crate::program::{Progress, WarpArgs, about, line_of, write_json, write_record};
 use crate::refiner::Refiner;
 use anyhow::Result;
 use mde_eval::table::Document;

@@ -2,17 +2,14 @@
 
 use crate::config::{Config, MultiViewConfig, Preset};
 use crate::prior::{OpenPrior, hash_files};
-use crate::program::evaluation::fields::{FieldMemory, FilteredField, Remembered};
-use crate::program::evaluation::scenes::depth_file;
-use crate::program::progress::Progress;
-use crate::program::store::folder::files_in;
-use crate::refinement::stages::{FieldFactory, FieldRequest};
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::{Prepared, Refiner, Settings, Unit};
+use crate::program::Progress;
+use crate::program::evaluation::{FieldMemory, FilteredField, Remembered, depth_file};
+use crate::program::store::files_in;
+use crate::refinement::{FieldFactory, FieldRequest};
+use crate::refiner::{MemoryLimit, Prepared, Refiner, Settings, Unit};
 use crate::scene::Scene;
 use anyhow::{Context, Result, ensure};
-use mde_eval::baseline;
-use mde_eval::{Method as Baseline, Refined, Task};
+use mde_eval::{Method as Baseline, Refined, Task, baseline};
 use mde_nerf::RadianceField;
 use mde_prior::DisparityRule;
 use mde_prior::format::{ReadOptions, read_depth};

@@ -1,13 +1,9 @@
 //! Tables, figures and the exit code.
 
 use crate::output::record::versions;
-use crate::program::error::partial;
-use crate::program::evaluation::store::Store;
-use crate::program::progress::Progress;
-use crate::program::provenance::{command_line, write_json};
-use crate::program::report;
+use crate::program::evaluation::Store;
 use crate::program::report::FIGURES;
-use crate::program::terminal::line_of;
+use crate::program::{Progress, command_line, line_of, partial, report, write_json};
 use anyhow::{Context, Result, bail};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;

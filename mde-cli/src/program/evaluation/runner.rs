@@ -1,23 +1,16 @@
 //! An evaluation: opens the inputs, runs the methods whose results are not stored yet, and scores them. A scene that fails does not stop
 //! the others.
 
-use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
-use crate::program::evaluation::fields::FieldMemory;
-use crate::program::evaluation::method::{Method, MethodScene};
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::scenes::{Form, Priors, Source, choose};
-use crate::program::evaluation::scoring::Scoring;
-use crate::program::evaluation::store::{Kept, Store};
-use crate::program::interrupt;
-use crate::program::open::settings;
-use crate::program::progress::Progress;
-use crate::program::workers::{caught, lock, side_by_side};
-use crate::refiner::Observer;
-use crate::refiner::plan::SceneMemory;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::size::Sizes;
-use crate::scene::{Photograph, Scene};
+use crate::program::evaluation::{
+    FieldMemory, Form, Kept, Method, MethodScene, Priors, Scoring, Source, Store, choose,
+};
+use crate::program::open::limit;
+use crate::program::{
+    CaptureArgs, EvaluationArgs, PixelArgs, Progress, caught, interrupt, lock, side_by_side,
+};
+use crate::refiner::{MemoryLimit, Observer, SceneMemory};
+use crate::scene::{CameraSource, KnownCamera, Photograph, Scene, Sizes};
 use anyhow::{Result, ensure};
 use mde_eval::data::{Sample, Shard};
 use mde_eval::table::{Entry, Failure};
@@ -80,7 +73,7 @@ impl<'a> Evaluation<'a> {
         let jobs = usize::from(args.jobs).min(scenes.len()).min(rayon::current_num_threads()).max(1);
         let memory = SceneMemory::new(&configs, request.share_fields);
         if let Some([width, height]) = args.data.size {
-            check(&settings::limit(&args.memory), &memory, jobs, "--size", (height, width))?;
+            check(&limit(&args.memory), &memory, jobs, "--size", (height, width))?;
         }
         let prior = Priors::open(&args.prior, source.kind)?;
         let scoring = Scoring::new(args.alignment, request.pixels, !request.share_fields);
@@ -139,7 +132,7 @@ impl<'a> Evaluation<'a> {
                 *camera = PinholeCamera::from_fov(fov, camera.width, camera.height)?;
             }
         }
-        let limit = settings::limit(&self.args.memory);
+        let limit = limit(&self.args.memory);
         check(&limit, &self.memory, self.jobs, "its image", sample.depth.dim())?;
         if sample.assumed_camera {
             lock(tally).progress.warn(format!("{}: no intrinsics; the camera is assumed", sample.id));

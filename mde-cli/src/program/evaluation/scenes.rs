@@ -1,9 +1,8 @@
 //! Scenes with the monocular depth that every method starts from.
 
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
 use crate::program::open::prior;
+use crate::program::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors, Sample};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};

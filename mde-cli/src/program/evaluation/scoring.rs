@@ -1,8 +1,7 @@
 //! Scores of the methods of a scene and of their controls.
 
-use crate::program::args::{CropName, PixelArgs};
-use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::store::{Kept, Store};
+use crate::program::evaluation::{Kept, Method, PRIOR, Store};
+use crate::program::{CropName, PixelArgs};
 use anyhow::{Context, Result};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::Sample;

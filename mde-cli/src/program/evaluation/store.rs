@@ -1,13 +1,11 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
-use crate::program::provenance::write_json;
 use crate::program::report::PICTURE;
-use crate::program::store::entry::Entry;
-use crate::program::store::folder::{
-    OpenFolder, check_own, file_name, folders_in, remove_unfinished, replace,
+use crate::program::store::{
+    Entry, OpenFolder, check_own, file_name, folders_in, lock, remove_unfinished, replace,
 };
-use crate::program::store::lock;
-use crate::scene::size::thumbnail;
+use crate::program::write_json;
+use crate::scene::thumbnail;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};

@@ -3,5 +3,9 @@
 pub(crate) mod photographs;
 pub(crate) mod prior;
 pub(crate) mod scene;
-pub(crate) mod settings;
-pub(crate) mod truth;
+mod settings;
+mod truth;
+
+pub(crate) use photographs::{content, existing};
+pub(crate) use settings::*;
+pub(crate) use truth::Truth;

@@ -1,8 +1,7 @@
 //! The monocular depth that the command line names.
 
-use crate::prior::OpenPrior;
-use crate::prior::files::read_options;
-use crate::program::args::{NetworkArgs, PriorArgs};
+use crate::prior::{OpenPrior, read_options};
+use crate::program::{NetworkArgs, PriorArgs};
 use anyhow::Result;
 use std::path::Path;
 

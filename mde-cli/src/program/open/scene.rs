@@ -1,9 +1,7 @@
 //! Scenes that the command line names: one photograph, or several with poses or without.
 
-use crate::program::args::CameraArgs;
-use crate::program::open::photographs::existing;
-use crate::program::open::settings::{camera, given_camera};
-use crate::program::progress::Progress;
+use crate::program::open::{camera, existing, given_camera};
+use crate::program::{CameraArgs, Progress};
 use crate::refiner::capture::scene_of;
 use crate::refiner::{Observer, Plan, Refiner, Unit};
 use crate::scene::{Photograph, Scene};

@@ -2,14 +2,11 @@
 
 use crate::config::{Config, Preset};
 use crate::output::export::Format;
-use crate::program::args::{
+use crate::program::{
     CameraArgs, MemoryArgs, PresetArgs, RefinementArgs, ResultArgs, SettingsArgs, SizeArgs,
 };
-use crate::refiner::Settings;
-use crate::refiner::error_bar::ErrorBar;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::scene::camera::{GivenCamera, KnownCamera};
-use crate::scene::size::Sizes;
+use crate::refiner::{ErrorBar, MemoryLimit, Settings};
+use crate::scene::{GivenCamera, KnownCamera, Sizes};
 use anyhow::{Context, Result};
 use std::ffi::OsString;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Encoding of maps, images and colours for the page.
 
-use crate::scene::size::byte;
+use crate::scene::byte;
 use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;

@@ -3,8 +3,8 @@
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use crate::program::report::encode::{gradients, photograph_in, picture, svg};
 use crate::program::report::{page, read_json, read_text};
-use crate::program::store::folder::{file_name, folders_in};
-use crate::scene::size::within;
+use crate::program::store::{file_name, folders_in};
+use crate::scene::within;
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::{SceneScores, read_csv};

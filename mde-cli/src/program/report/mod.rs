@@ -12,7 +12,7 @@ pub(crate) use index::photographs_page;
 
 use crate::output::every::{CLOUD, MESHES, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
-use crate::program::store::folder::RECORD;
+use crate::program::store::RECORD;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;

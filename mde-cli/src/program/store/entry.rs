@@ -1,7 +1,7 @@
 //! Finished work, known again by what it was made from.
 
-use crate::program::provenance::write_json;
-use crate::program::store::folder::files_in;
+use crate::program::store::files_in;
+use crate::program::write_json;
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

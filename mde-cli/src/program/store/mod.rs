@@ -1,5 +1,8 @@
 //! Folders that are written whole, and finished work that is found again.
 
-pub(crate) mod entry;
-pub(crate) mod folder;
+mod entry;
+mod folder;
 pub(crate) mod lock;
+
+pub(crate) use entry::Entry;
+pub(crate) use folder::*;

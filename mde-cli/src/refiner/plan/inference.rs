@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::MemoryLimit;
 use crate::refiner::plan::{MIB, PHOTOGRAPH, PROGRAM, refine_bytes};
 use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::refiner::plan::most_pixels;
-use crate::scene::size::SMALLEST;
+use crate::scene::SMALLEST;
 
 /// The limit of `max-memory`.
 #[derive(Debug, Clone, Copy, PartialEq)]
