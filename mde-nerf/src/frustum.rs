@@ -37,7 +37,7 @@ pub(crate) struct Frustum {
     /// The unit of path lengths: the scene's median depth.
     pub(crate) unit: f64,
     /// Whether rays are clipped to the volume.
-    clipped: bool,
+    pub(crate) clipped: bool,
 }
 
 /// The sampled part of a ray, by z-depth in its camera.
@@ -194,10 +194,6 @@ impl Frustum {
         }
         // The least length that has distinct positions in `f32`.
         (high.is_finite() && high > low * (1.0 + 1e-5)).then_some(Interval { near: low, far: high, unit })
-    }
-
-    pub(crate) fn is_clipped(&self) -> bool {
-        self.clipped
     }
 
     /// The lower end of a view's rays: 0.75 times the 0.5 % quantile of its hypotheses, 0 where it has none.

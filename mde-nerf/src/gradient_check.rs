@@ -9,6 +9,7 @@ use crate::config::{
     ColourLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, SamplingConfig, TrainConfig, VolumeConfig,
 };
 use crate::dual::Dual;
+use crate::encoding::HashGrid;
 use crate::frustum::{Frustum, Ray};
 use crate::loss::{LossTerms, RayLoss, Target};
 use crate::march::{Budget, March, Marcher};
@@ -181,17 +182,13 @@ impl Case {
         let mut gradients = network.gradients();
         let loss = self.optimised(&network, &mut gradients);
         assert!((loss.total - self.defined(&network)).abs() < 1e-12 * (1.0 + loss.total.abs()));
-        let table = match &network.encoding {
-            Encoding::Frequency(_) => Vec::new(),
-            Encoding::Hash(grid) => {
-                let mut table = vec![0.0; grid.table.len()];
-                let rows = grid.layout.split(&mut table, grid.layout.features());
-                for (level, rows) in rows.into_iter().enumerate() {
-                    grid.layout.scatter(level, &gradients.points, &gradients.features[level], rows);
-                }
-                table
+        let mut table = Vec::new();
+        if let Some(HashGrid { layout, table: values }) = network.grid() {
+            table.resize(values.len(), 0.0);
+            for (level, rows) in layout.split(&mut table, layout.features).into_iter().enumerate() {
+                layout.scatter(level, &gradients.points, &gradients.features[level], rows);
             }
-        };
+        }
         for (part, analytic) in [table, gradients.mlp].into_iter().enumerate() {
             let touched: Vec<usize> = (0..analytic.len()).filter(|&i| analytic[i] != 0.0).collect();
             assert!(analytic.is_empty() || touched.len() > 10, "part {part} has almost no gradient to check");
@@ -231,10 +228,7 @@ fn with_parameter<T: Scalar>(
     index: usize,
     value: impl Fn(f64) -> T,
 ) -> Network<T> {
-    let table = match &network.encoding {
-        Encoding::Hash(grid) => grid.table.as_slice(),
-        Encoding::Frequency(_) => &[],
-    };
+    let table = network.grid().map_or(&[][..], |grid| &grid.table);
     let mut parts: [Vec<T>; 2] = [table, &network.mlp.parameters]
         .map(|parameters| parameters.iter().map(|&p| T::from_f64(p)).collect());
     parts[part][index] = value(parts[part][index].to_f64());
@@ -305,7 +299,7 @@ fn rays_outside_the_volume_are_empty() {
     for fine in [0, 6] {
         case.budget.fine = fine;
         case.optimised_of(&mut rays, &mut marcher, &network, &mut gradients);
-        assert_eq!(marcher.evaluated(), 0);
+        assert_eq!(marcher.samples, 0);
         for rendered in &marcher.rendered {
             assert_eq!((rendered.depth.opacity, rendered.colour), (0.0, BACKGROUND));
         }

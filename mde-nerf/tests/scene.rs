@@ -7,6 +7,7 @@ use mde_nerf::{
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::CounterRng;
+use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Point2, Point3, Translation3, UnitQuaternion};
 use ndarray::{Array2, Array3};
@@ -87,14 +88,9 @@ fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
     field.fit(views, &mut Silent).unwrap();
     let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
     let error = (&seen.image - &views[0].image).mapv(|e| f64::from(e * e)).mean().unwrap();
-    let mut relative: Vec<f64> = views[0].hypotheses[0]
-        .mean()
-        .iter()
-        .zip(seen.depth.mean())
-        .map(|(exact, got)| f64::from((got / exact - 1.0).abs()))
-        .collect();
-    relative.sort_by(f64::total_cmp);
-    (-10.0 * error.log10(), relative[relative.len() / 2])
+    let depths = views[0].hypotheses[0].mean().into_iter().zip(seen.depth.mean());
+    let relative = median(depths.map(|(exact, got)| (got / exact - 1.0).abs())).unwrap();
+    (-10.0 * error.log10(), relative)
 }
 
 #[test]
@@ -166,10 +162,8 @@ fn the_termination_becomes_the_distribution_of_the_hypotheses() {
     let mut field = Nerf::new(config, 1).unwrap();
     field.fit(&views, &mut Silent).unwrap();
     let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
-    let mut relative: Vec<f32> =
-        seen.depth.sigma().iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean).collect();
-    relative.sort_by(f32::total_cmp);
-    let median = relative[relative.len() / 2];
+    let sigmas = seen.depth.sigma();
+    let median = median(sigmas.iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean)).unwrap();
     assert!((0.09..0.115).contains(&median), "{median}");
 }
 

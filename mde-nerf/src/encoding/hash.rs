@@ -11,7 +11,8 @@ use rand::RngExt;
 /// \\((u, v)\\), so that one load fetches both corners of a cell edge along depth.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HashLayout {
-    features: usize,
+    /// Numbers per row.
+    pub(crate) features: usize,
     levels: Vec<Level>,
 }
 
@@ -74,16 +75,6 @@ impl HashLayout {
 
     pub(crate) fn level_count(&self) -> usize {
         self.levels.len()
-    }
-
-    pub(crate) fn features(&self) -> usize {
-        self.features
-    }
-
-    /// Features per point of all levels.
-    #[cfg(test)]
-    pub(crate) fn width(&self) -> usize {
-        self.features * self.levels.len()
     }
 
     /// Numbers in the table.
@@ -245,7 +236,7 @@ impl Level {
             for (low, x) in low.iter_mut().zip(&mut fraction) {
                 *x = x.max(T::ZERO).min(T::ONE) * scale;
                 *low = x.to_index().min(self.cells - 1);
-                *x -= T::from_index(*low);
+                *x = *x - T::from_index(*low);
             }
             cells.depth[lane] = fraction[2];
             let (u, v) = (low[0].wrapping_mul(u_step), low[1].wrapping_mul(v_step));
@@ -279,9 +270,9 @@ mod tests {
         HashLayout::new(&config)
     }
 
-    fn padded(points: &[[f64; 3]]) -> Points<f64> {
+    fn padded(point: [f64; 3]) -> Points<f64> {
         let mut list = Points::default();
-        points.iter().for_each(|&p| list.push(p));
+        list.push(point);
         list.pad();
         list
     }
@@ -294,7 +285,7 @@ mod tests {
         #[test]
         fn corner_weights_add_up_to_one_and_rows_exist(point in cube()) {
             for level in &layout().levels {
-                let points = padded(&[point]);
+                let points = padded(point);
                 let cells = level.cells(points.blocks().next().unwrap());
                 prop_assert!((cells.weights.iter().map(|w| w[0]).sum::<f64>() - 1.0).abs() < 1e-12);
                 prop_assert!((0.0..=1.0).contains(&cells.depth[0]));
@@ -314,7 +305,7 @@ mod tests {
                 .collect();
             let grid = HashGrid { layout, table };
             let mut features = vec![0.0; BLOCK];
-            grid.forward(&padded(&[point]), &mut features, 1);
+            grid.forward(&padded(point), &mut features, 1);
             prop_assert!((features[0] - linear(point)).abs() < 1e-12);
         }
     }
@@ -323,6 +314,7 @@ mod tests {
     #[test]
     fn the_features_are_continuous_across_cells() {
         let layout = layout();
+        let width = layout.features * layout.level_count();
         let mut grid = HashGrid::<f64>::new(layout.clone(), 3);
         grid.table.iter_mut().for_each(|t| *t *= 1e4);
         for level in &layout.levels {
@@ -331,9 +323,10 @@ mod tests {
                 let beside = |offset: f64| {
                     let mut point = [0.37, 0.61, 0.23];
                     point[axis] = wall + offset;
-                    let mut features = vec![0.0; BLOCK * layout.width()];
-                    grid.forward(&padded(&[point]), &mut features, layout.width());
-                    features[..layout.width()].to_vec()
+                    let mut features = vec![0.0; BLOCK * width];
+                    grid.forward(&padded(point), &mut features, width);
+                    features.truncate(width);
+                    features
                 };
                 for (a, b) in beside(-1e-9).iter().zip(beside(1e-9)) {
                     assert!((a - b).abs() < 1e-6, "axis {axis}: {a} {b}");
@@ -347,6 +340,6 @@ mod tests {
         let layout = HashLayout::new(&HashFieldConfig::default());
         assert_eq!(layout.levels.first().map(|l| (l.cells, l.dense)), Some((16, true)));
         assert_eq!(layout.levels.last().map(|l| (l.cells, l.dense)), Some((640, false)));
-        assert_eq!(layout.width(), 32);
+        assert_eq!((layout.level_count(), layout.features), (8, 4));
     }
 }
