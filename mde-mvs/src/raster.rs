@@ -1,7 +1,11 @@
 use mde_warp::PosedView;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, NdFloat, Zip};
+use rayon::prelude::*;
 
 use crate::Result;
+
+/// Rows or columns that a task of a filter takes together.
+const STRIP: usize = 64;
 
 /// Luma of sRGB colours (Rec. 601), `[height, width]`.
 pub(crate) fn luma(image: ArrayView3<'_, f32>) -> Array2<f32> {
@@ -102,6 +106,34 @@ pub(crate) fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Ar
         shrink(cube, h, w).index_axis_move(Axis(2), 0)
     } else {
         pick(*map, h, w)
+    }
+}
+
+/// The domain transform's recursive filter (Gastal and Oliveira, 2011) of `N` maps at once, both ways along rows, then along columns. By the
+/// shares that `feedback` has across and down, a pixel moves towards the one on its left and above it; on the way back, that one towards it.
+pub(crate) fn recursive_filter<T: NdFloat, const N: usize>(
+    maps: &mut Array2<[T; N]>,
+    feedback: &[Array2<T>; 2],
+) {
+    let towards = |from: &[T; N], share: T, here: &mut [T; N]| {
+        here.iter_mut().zip(from).for_each(|(here, from)| *here += share * (*from - *here));
+    };
+    for (along, beside, shares) in [(Axis(1), Axis(0), &feedback[0]), (Axis(0), Axis(1), &feedback[1])] {
+        let strips = maps.axis_chunks_iter_mut(beside, STRIP).zip(shares.axis_chunks_iter(beside, STRIP));
+        let mut strips: Vec<_> = strips.collect();
+        strips.par_iter_mut().for_each(|(maps, shares)| {
+            let mut between = |i: usize, back: bool| {
+                let (before, after) = maps.view_mut().split_at(along, i);
+                let lines = (before.index_axis_move(along, i - 1), after.index_axis_move(along, 0));
+                Zip::from(lines.0).and(lines.1).and(shares.index_axis(along, i)).for_each(
+                    |before, here, &share| {
+                        if back { towards(here, share, before) } else { towards(before, share, here) }
+                    },
+                );
+            };
+            (1..shares.len_of(along)).for_each(|i| between(i, false));
+            (1..shares.len_of(along)).rev().for_each(|i| between(i, true));
+        });
     }
 }
 

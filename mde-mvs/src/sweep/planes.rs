@@ -13,8 +13,8 @@
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
-use rayon::prelude::*;
 
+use crate::raster::recursive_filter;
 use crate::{Result, check_map};
 
 /// Reach along a surface of one colour, as a share of the longer side.
@@ -44,8 +44,7 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     check_map("depth", depth.dim(), &view.camera)?;
     let longer = depth.dim().0.max(depth.dim().1) as f64;
     let reach = REACH * longer;
-    let (across, down) = (steps(view, reach, [0, 1]), steps(view, reach, [1, 0]));
-    let down = down.reversed_axes().as_standard_layout().into_owned();
+    let steps = [steps(view, reach, [0, 1]), steps(view, reach, [1, 0])];
     let known = |z: f32, v: f32| z > 0.0 && v.is_finite();
     let own = Zip::from(depth.mean())
         .and(depth.variance())
@@ -59,7 +58,10 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     for filter in 1..=FILTERS {
         let share = 3.0_f64.sqrt() * 2.0_f64.powi(FILTERS - filter) / (4.0_f64.powi(FILTERS) - 1.0).sqrt();
         let decay = -2.0_f64.sqrt() / (reach * share);
-        moments = filtered(filtered(moments, &across, decay), &down, decay);
+        recursive_filter(
+            &mut moments,
+            &steps.each_ref().map(|steps| steps.mapv(|step| (decay * step).exp())),
+        );
     }
     let mut variance = own.clone();
     Zip::indexed(&mut inverse).and(&own).and(&mut variance).and(&moments).for_each(
@@ -89,20 +91,6 @@ fn steps(view: &PosedView, reach: f64, [dy, dx]: [usize; 2]) -> Array2<f64> {
             |channel| f64::from((view.image[(y, x, channel)] - view.image[(from.0, from.1, channel)]).abs());
         1.0 + reach / COLOUR * (0..3).map(colour).sum::<f64>()
     })
-}
-
-/// Both ways along each row; the result is transposed, so that the next filter goes along the columns.
-fn filtered(mut moments: Array2<Moments>, steps: &Array2<f64>, decay: f64) -> Array2<Moments> {
-    let mut rows: Vec<_> = moments.rows_mut().into_iter().zip(steps.rows()).collect();
-    rows.par_iter_mut().for_each(|(row, steps)| {
-        let mut mix = |to: usize, from: usize, step: f64| {
-            let (share, before) = ((decay * step).exp(), row[from]);
-            row[to].iter_mut().zip(before).for_each(|(here, before)| *here += share * (before - *here));
-        };
-        (1..steps.len()).for_each(|x| mix(x, x - 1, steps[x]));
-        (1..steps.len()).rev().for_each(|x| mix(x - 1, x, steps[x]));
-    });
-    moments.reversed_axes().as_standard_layout().into_owned()
 }
 
 /// The plane at a pixel over its own inverse depth, and the mean squared residual of its pixels.

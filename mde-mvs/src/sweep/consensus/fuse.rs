@@ -9,10 +9,7 @@ use crate::Result;
 use crate::raster::luma;
 use crate::statistics::robust_deviation;
 use crate::sweep::Sweep;
-use crate::sweep::correction::{Guide, correct};
-
-/// The differences of luma and of log depth at which a correction stops.
-const EDGES: [f32; 2] = [0.1, 0.1];
+use crate::sweep::correction::correct;
 
 /// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
 /// both are fused by precision, the sweep being right with a probability only.
@@ -65,14 +62,11 @@ pub(super) fn fuse(
         robust_deviation(residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0).map(|(r, _)| f64::from(*r)));
     let spread = spread.unwrap_or(0.2).clamp(0.02, 1.0) as f32;
     let filled = log_prior.mapv(|p| if p.is_finite() { p } else { 0.0 });
-    let guide = Guide::new(luma(view.image.view()).view(), filled.view(), EDGES);
-    let field = correct(&residual, &weight, &guide, spread);
+    let field = correct(&residual, &weight, [&luma(view.image.view()), &filled], spread);
     // A wrong match lies anywhere among the surfaces.
     let anywhere = 1.0 / (2.0 * factor.ln()) as f32;
-    let (mut mean, mut variance) = (Array2::zeros(shape), Array2::from_elem(shape, f32::INFINITY));
-    let mut inlier = Array2::zeros(shape);
-    let mut corrected = Array2::zeros(shape);
-    let mut ambiguity = Array2::zeros(shape);
+    let [mut mean, mut inlier, mut corrected, mut ambiguity] = [(); 4].map(|()| Array2::zeros(shape));
+    let mut variance = Array2::from_elem(shape, f32::INFINITY);
     for (at, &p) in log_prior.indexed_iter() {
         if !p.is_finite() {
             if let Some((z, v)) = sweep.depth.get(at.0, at.1) {
@@ -106,6 +100,7 @@ pub(super) fn fuse(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sweep::consensus::chance::tests::sure;
     use crate::synthetic::room;
 
     /// Equal matches on the right give the correction on the left a small variance; where nothing is visible it has to be the prior's.
@@ -114,9 +109,7 @@ mod tests {
         let view = room(1.0).0.swap_remove(0);
         let shape = view.camera.dim();
         let prior = GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.01)).unwrap();
-        let depth =
-            GaussianDepth::new(Array2::from_elem(shape, 1.2), Array2::from_elem(shape, 1e-6)).unwrap();
-        let sweep = Sweep { depth, inlier: Array2::ones(shape), cost: Array2::zeros(shape), surfaces: 8 };
+        let sweep = sure(shape, 1.2, 1e-6);
         let seen = Array2::from_shape_fn(shape, |(_, x)| x >= 8);
         let chance = seen.mapv(|seen| if seen { 0.95 } else { 0.0 });
         let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
