@@ -3,28 +3,26 @@
 //! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
 //! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
 
-mod flip;
 mod guided;
 mod joint_bilateral;
 mod noise;
+mod predictions;
 pub mod sigma;
 #[cfg(feature = "solver")]
 mod solver;
 mod sweep;
 mod unsharp;
 mod weighted_median;
-mod zoom;
 
-pub use flip::flip_average;
 pub use guided::guided_filter;
 pub use joint_bilateral::joint_bilateral;
 pub use noise::white_noise;
+pub use predictions::{ZoomMerge, flip_average};
 #[cfg(feature = "solver")]
 pub use solver::{fast_bilateral, solve_bilateral};
 pub use sweep::{gauged_prior, plane_sweep};
 pub use unsharp::Unsharp;
 pub use weighted_median::weighted_median;
-pub use zoom::ZoomMerge;
 
 use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
@@ -53,11 +51,7 @@ pub const METHODS: &[&str] = &[
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
 pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
-    let mut steps = name.split('+').map(single).collect::<Result<Vec<_>>>()?;
-    match steps.len() {
-        1 => Ok(steps.remove(0)),
-        _ => Ok(Box::new(Chain(steps))),
-    }
+    Ok(Box::new(Chain(name.split('+').map(single).collect::<Result<_>>()?)))
 }
 
 fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {

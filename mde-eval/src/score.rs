@@ -3,11 +3,10 @@
 mod map;
 mod metric;
 mod sigma;
-mod truth;
 
+pub use map::TruthCache;
 pub use metric::{Better, Group, METRICS, Metric};
 pub use sigma::UncertaintyCurves;
-pub use truth::TruthCache;
 
 use crate::align::{Alignment, AlignmentRule};
 use crate::error::check;
@@ -197,9 +196,9 @@ type Values = BTreeMap<String, f64>;
 
 /// The values of all metrics that have a finite one.
 fn values(of: impl Fn(Of) -> Result<Option<f64>> + Sync) -> Result<Values> {
-    let value = |metric: &Metric| match of(metric.of) {
-        Ok(value) => value.filter(|value| value.is_finite()).map(|value| Ok((metric.key.to_owned(), value))),
-        Err(error) => Some(Err(error)),
+    let value = |metric: &Metric| {
+        let finite = of(metric.of).map(|value| value.filter(|value| value.is_finite()));
+        finite.map(|value| Some((metric.key.to_owned(), value?))).transpose()
     };
     METRICS.into_par_iter().filter_map(value).collect()
 }
@@ -229,7 +228,7 @@ impl Aligned {
         let found = DepthMap::new(self.depth.view(), &truth)?;
         values(|of| match of {
             Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
-            Of::Shared(metric) => metric(&found),
+            Of::Shared(metric) => Ok(metric(&found)),
             Of::Errors(_) | Of::Sigma(_) | Of::Evaluation => Ok(None),
         })
     }
@@ -246,7 +245,7 @@ impl Aligned {
         };
         let values = values(|of| match of {
             Of::Errors(metric) => metric(&found.errors, &found.sigma).map(Some),
-            Of::Sigma(metric) => metric(&found),
+            Of::Sigma(metric) => Ok(metric(&found)),
             Of::Depths(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
         })?;
         Ok((values, Some(found.curves())))

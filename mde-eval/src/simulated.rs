@@ -6,10 +6,10 @@ pub use model::{SimulatedModel, SimulatedModelConfig};
 
 use crate::Result;
 use crate::error::check;
-use crate::raster::blur_within;
+use crate::raster::{blur_within, smallest};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
-use ndarray::{Array2, ArrayView3, Axis, Zip};
+use ndarray::{Array2, ArrayView3, Zip};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
@@ -129,8 +129,8 @@ impl DepthPrior for SimulatedPrior {
 /// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those.
 fn close(depth: &Array2<f32>, valid: &Array2<bool>, radius: usize) -> Array2<f64> {
     let known = Zip::from(depth).and(valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
-    let grown = erode_by(&known.mapv(|z| -z), radius);
-    let closed = erode_by(&grown.mapv(|z| -z), radius);
+    let grown = smallest(known.mapv(|z| -z), radius);
+    let closed = smallest(-grown, radius);
     // Next to missing pixels nothing may become missing.
     Zip::from(&closed).and(&known).map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
 }
@@ -146,21 +146,6 @@ fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
     let share = blur_within(weight, sigma, radius);
     Zip::from(&mut sum).and(&share).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
     sum
-}
-
-/// The smallest value in a square of side `2 * radius + 1` about each pixel, cut off at the border.
-fn erode_by(map: &Array2<f64>, radius: usize) -> Array2<f64> {
-    let mut out = map.clone();
-    for axis in [Axis(0), Axis(1)] {
-        for mut line in out.lanes_mut(axis) {
-            let source = line.to_vec();
-            for (at, value) in line.iter_mut().enumerate() {
-                let window = &source[at.saturating_sub(radius)..(at + radius + 1).min(source.len())];
-                *value = window.iter().copied().fold(f64::INFINITY, f64::min);
-            }
-        }
-    }
-    out
 }
 
 /// A sum of waves no shorter than [`WAVELENGTH`], of mean 0 and variance 1 over the map, drawn from a purpose, a seed and an iteration.

@@ -5,16 +5,14 @@ mod document;
 mod failure;
 mod read;
 mod summary;
-mod text;
 pub(crate) mod verdict;
 mod write;
 
 pub use comparison::{Compared, Comparison};
-pub use document::{Block, Document, Table};
+pub use document::{Block, Document, Table, wrapped};
 pub use failure::{Failure, failed};
 pub use read::{SceneScores, read_csv};
 pub use summary::{MethodSummary, Statistics, Summary};
-pub use text::wrapped;
 pub use verdict::{is_control, verdict};
 pub use write::{csv, document, inert, original_name};
 

@@ -1,7 +1,7 @@
 use super::{check, known, weights};
 use crate::metrics::sharpness::sharpness;
 use crate::raster::{blur, same_shape};
-use crate::{Error, Method, Refined, Result, Task};
+use crate::{Method, Refined, Result, Task, error};
 use ndarray::{Array2, ArrayView2, Zip};
 
 /// Unsharp mask in log depth: \\(\ln d + a (\ln d - G_\sigma * \ln d)\\).
@@ -66,10 +66,7 @@ fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> A
 impl Method for Unsharp {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task)?;
-        if !self.amount.is_finite() {
-            let value = self.amount.to_string();
-            return Err(Error::Config { field: "amount", value, remedy: "use a finite number" });
-        }
+        error::check([("amount", self.amount, self.amount.is_finite(), "use a finite number")])?;
         Ok(sharpened(task.prior, &detail(task.prior), self.amount).into())
     }
 }

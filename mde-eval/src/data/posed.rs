@@ -1,8 +1,8 @@
-use super::files::{Scenes, read_json, same_size};
+use super::files::{Scenes, layout, read_json, same_size};
 use super::{DataSet, Sample};
+use crate::Result;
 use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
 use crate::error::check;
-use crate::{Error, Result};
 use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::{image_size, read_image};
@@ -64,8 +64,8 @@ impl Posed {
     /// about a random axis, and by 20 mm per degree in a random direction, the same in every run.
     ///
     /// # Errors
-    /// [`Error::Io`] for a folder or a `scene.json` that cannot be read, [`Error::Layout`] where there is no scene or a
-    /// `scene.json` is not valid, [`Error::Config`] for degrees below 0 or above 10.
+    /// [`Error::Io`](crate::Error::Io) for a folder or a `scene.json` that cannot be read, [`Error::Layout`](crate::Error::Layout) where there is no scene or a
+    /// `scene.json` is not valid, [`Error::Config`](crate::Error::Config) for degrees below 0 or above 10.
     pub fn open(root: impl AsRef<Path>, pose_noise: f64) -> Result<Self> {
         check([("pose-noise", pose_noise, POSE_NOISES.contains(&pose_noise), "use 0 to 10 degrees")])?;
         let what =
@@ -76,7 +76,7 @@ impl Posed {
                 || scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
             Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id.clone()))
         };
-        let places = scenes.folders.iter().zip(&scenes.ids).map(place).collect::<Result<_>>()?;
+        let places = scenes.sources.iter().zip(&scenes.ids).map(place).collect::<Result<_>>()?;
         Ok(Self { scenes, places, pose_noise })
     }
 
@@ -87,12 +87,12 @@ impl Posed {
     /// Loads a capture by its index in [`DataSet::ids`], in the frame of its reference's camera.
     ///
     /// # Errors
-    /// As [`DataSet::load`]; [`Error::Capture`] for a `transforms.json` or photographs that cannot be used.
+    /// As [`DataSet::load`]; [`Error::Capture`](crate::Error::Capture) for a `transforms.json` or photographs that cannot be used.
     pub fn capture(&self, index: usize) -> Result<Capture> {
         let (scene, id) = self.scenes.get(index)?;
         let description = describe(scene)?;
         let path = scene.join(Self::TRANSFORMS);
-        let fault = |reason: String| Error::Layout { path: path.clone(), reason };
+        let fault = |reason: String| layout(&path, reason);
         let read =
             read_transforms(&path, PixelCentres::Integers, &|photograph: &Path| image_size(photograph))?;
         if let Some(photograph) = read.unreadable.first() {
@@ -144,10 +144,7 @@ fn describe(scene: &Path) -> Result<Description> {
     let path = scene.join(Posed::DESCRIPTION);
     let description: Description = read_json(&path)?;
     match description.max_depth.filter(|z| !(*z > 0.0 && z.is_finite())) {
-        Some(z) => {
-            let reason = format!("max_depth is {z}; use a positive finite number of metres");
-            Err(Error::Layout { path, reason })
-        }
+        Some(z) => Err(layout(&path, format!("max_depth is {z}; use a positive finite number of metres"))),
         None => Ok(description),
     }
 }

@@ -22,6 +22,11 @@ impl Edges {
     pub fn new(pixels: Array2<bool>) -> Self {
         Self { distance: distance_to(pixels.view()), pixels }
     }
+
+    /// How far each marked pixel is from the nearest of `other`.
+    pub(super) fn distances_to(&self, other: &Self) -> Vec<f64> {
+        self.pixels.iter().zip(&other.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect()
+    }
 }
 
 /// \\(2PR / (P + R)\\), 0 where both are 0.
@@ -180,8 +185,7 @@ mod tests {
             // The distance transform on one side, grey dilation on the other.
             let predicted = edges(p.view(), mask.view(), t).unwrap();
             let found = |of: &Edges, by: &Edges| {
-                let distances: Vec<f64> =
-                    of.pixels.iter().zip(&by.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect();
+                let distances = of.distances_to(by);
                 share(distances.iter().filter(|d| **d <= f64::from(r)).count(), distances.len())
             };
             let (precision, recall) = (found(&predicted, &true_edges), found(&true_edges, &predicted));

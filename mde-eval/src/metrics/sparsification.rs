@@ -179,9 +179,9 @@ pub(super) fn expected(order: &Order, costs: &[f64]) -> Vec<f64> {
 }
 
 /// Sums of the first 0, 1, 2, ... values.
-fn running_sums(values: &[f64]) -> Vec<f64> {
+pub(crate) fn running_sums<'v>(values: impl IntoIterator<Item = &'v f64>) -> Vec<f64> {
     let mut total = 0.0;
-    let sums = values.iter().map(|value| {
+    let sums = values.into_iter().map(|value| {
         total += value;
         total
     });

@@ -4,7 +4,7 @@ use crate::align::Alignment;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
 use crate::metrics::sparsification::Reduction::{Mean, RootMean};
 use crate::metrics::sparsification::{
-    Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi,
+    Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi, spearman_of_bins,
 };
 use crate::raster::Map;
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
@@ -34,8 +34,9 @@ pub(super) struct SigmaMap {
     pub(super) errors: Vec<f64>,
     pub(super) sigma: Vec<f64>,
     /// Mean sigma and mean error of 100 runs by rising sigma.
-    pub(super) bins: Vec<UncertaintyBin>,
+    bins: Vec<UncertaintyBin>,
     pub(super) spearman: Option<f64>,
+    pub(super) spearman_binned: Option<f64>,
     /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
     pub(super) spearman_relative: Option<f64>,
     pub(super) mae: Sparsification,
@@ -76,8 +77,10 @@ impl SigmaMap {
         let relative: Vec<f64> = absolute.iter().zip(&truth).map(|(e, g)| e / g).collect();
         let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
         let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(&truth).map(over_depth).collect();
+        let bins = costs_by_uncertainty(&absolute, &sigma, 100)?;
         Ok(Some(Self {
             spearman: spearman(&sigma, &absolute)?,
+            spearman_binned: spearman_of_bins(&bins)?,
             spearman_relative: spearman(&relative_sigma, &relative)?,
             mae: sparsify(&absolute, &sigma, Mean)?,
             rmse: sparsify(&squared, &sigma, RootMean)?,
@@ -85,7 +88,7 @@ impl SigmaMap {
             poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
             errors,
-            bins: costs_by_uncertainty(&absolute, &sigma, 100)?,
+            bins,
             sigma,
         }))
     }
