@@ -67,13 +67,8 @@ impl FusionConfig {
         {
             check(field, value, unit.contains(&value), fraction)?;
         }
-        let kappa = self.kappa;
-        check(
-            "fusion.kappa",
-            kappa,
-            kappa > 0.0 && kappa.is_finite(),
-            "give a positive fraction, such as 0.1",
-        )
+        let positive = self.kappa > 0.0 && self.kappa.is_finite();
+        check("fusion.kappa", self.kappa, positive, "give a positive fraction, such as 0.1")
     }
 }
 

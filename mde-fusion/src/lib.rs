@@ -33,7 +33,6 @@ mod affine;
 mod aggregate;
 mod bayes;
 mod config;
-mod empirical_bayes;
 mod error;
 mod gaussian;
 mod posterior;
@@ -48,7 +47,6 @@ pub use affine::{Affine, AffineFit, Degenerate, affine_wls};
 pub use aggregate::{Aggregation, aggregate, precision_weighted};
 pub use bayes::{BayesFuser, Fused, Fuser};
 pub use config::{Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
-pub use empirical_bayes::empirical_bayes;
 pub use error::{Error, Result};
 pub use gaussian::{Gaussian, Sample};
 pub use mde_uncertainty::GaussianDepth;
@@ -56,7 +54,7 @@ pub use ndarray;
 pub use posterior::posterior;
 pub use prior::Prior;
 pub use report::{FusionReport, Warning};
-pub use residual::{Residual, residuals};
+pub use residual::{Residual, empirical_bayes, residuals};
 pub use robust::{LinePoint, RobustLine};
 
 #[cfg(doctest)]
