@@ -254,9 +254,7 @@ impl Cameras {
                 let (pose, before) = (&self.poses[v], &given.poses[v]);
                 let turn = (pose.rotation * before.rotation.inverse()).scaled_axis();
                 let moved = (centre(pose) - centre(before)) / given.centre_sigma;
-                let residual = Vector6::from_iterator(
-                    moved.iter().copied().chain((turn / given.rotation_sigma).iter().copied()),
-                );
+                let residual = twist(&moved, &(turn / given.rotation_sigma));
                 let mut slope = Matrix6::zeros();
                 let back = pose.rotation.inverse().to_rotation_matrix().into_inner();
                 let turning = inverse_left_jacobian(&turn) / given.rotation_sigma;
@@ -526,6 +524,12 @@ impl Normal {
 /// One over a damped curvature; 0 where there is none, so that the depth stays.
 fn inverse(curvature: f64, damping: f64) -> f64 {
     if curvature > 0.0 { (curvature * (1.0 + damping)).recip() } else { 0.0 }
+}
+
+/// A twist of its two parts.
+pub(super) fn twist(translation: &Vector3<f64>, rotation: &Vector3<f64>) -> Vector6<f64> {
+    let (t, r) = (translation, rotation);
+    Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
 }
 
 /// The rigid motion of a twist: translation first, rotation vector second, each applied on its own.

@@ -97,7 +97,7 @@ pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::poses::features::{DESCRIPTOR_LENGTH, Keypoint};
+    use crate::poses::features::Keypoint;
     use crate::synthetic::pose_at;
     use mde_uncertainty::random::CounterRng;
     use nalgebra::Point2;
@@ -107,24 +107,16 @@ mod tests {
 
     /// A photograph that shows some of so many points, each with a descriptor of its own; half of its features are of nothing else.
     fn photograph(points: std::ops::Range<usize>, own: usize) -> Features {
-        let descriptor = |seed: usize| {
+        let descriptor = |&seed: &usize| {
             let mut draw = CounterRng::new(0, "descriptor", 0, seed as u64);
-            let values: Vec<f32> = (0..DESCRIPTOR_LENGTH).map(|_| draw.random()).collect();
+            let values = [(); 128].map(|()| draw.random::<f32>());
             let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
-            values.into_iter().map(move |value| value / norm)
+            values.map(|value| value / norm)
         };
         let seeds: Vec<usize> = points.clone().chain(points.map(|i| 100_000 + 1000 * own + i)).collect();
-        let keypoint = |scale: usize| Keypoint {
-            pixel: Point2::origin(),
-            scale: scale as f64,
-            angle: 0.0,
-            response: 1.0,
-        };
-        let descriptors = Array2::from_shape_vec(
-            (seeds.len(), DESCRIPTOR_LENGTH),
-            seeds.iter().flat_map(|&seed| descriptor(seed)).collect(),
-        );
-        Features { keypoints: (0..seeds.len()).map(keypoint).collect(), descriptors: descriptors.unwrap() }
+        let keypoint = |scale| Keypoint { pixel: Point2::origin(), scale, angle: 0.0, response: 1.0 };
+        let keypoints = (0..seeds.len()).map(|scale| keypoint(scale as f64)).collect();
+        Features { keypoints, descriptors: Array2::from(seeds.iter().map(descriptor).collect::<Vec<_>>()) }
     }
 
     /// A ring about a table, its photographs in no order: each is compared with those that show the same, and the pairs grow linearly.
