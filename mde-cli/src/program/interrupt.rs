@@ -1,10 +1,11 @@
 //! Ctrl-C, SIGTERM, SIGHUP and SIGQUIT.
 
+use crate::program::lock;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 use std::thread;
 use std::time::Duration;
 
@@ -82,5 +83,5 @@ impl Drop for Guard {
 
 /// The guarded names; while this is held, a signal does not end the program.
 pub(crate) fn hold() -> MutexGuard<'static, Vec<PathBuf>> {
-    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+    lock(&TEMPORARY)
 }

@@ -4,7 +4,6 @@ mod args;
 mod commands;
 #[cfg(test)]
 mod documented;
-mod error;
 mod evaluation;
 mod interrupt;
 mod job;
@@ -20,8 +19,7 @@ mod workers;
 
 use args::*;
 use clap::FromArgMatches;
-use error::{Partial, fault, flags, message, partial};
-use job::Job;
+use job::{Job, Truth};
 use open::photographs;
 use progress::Progress;
 use provenance::{about, command_line, peak_memory, write_json, write_record};
@@ -29,7 +27,7 @@ use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
 use summary::intervals;
-use terminal::{columns, line_of, one_line, print, visible};
+use terminal::{Partial, columns, fault, flags, line_of, message, number, one_line, partial, print, visible};
 use workers::{caught, lock, side_by_side};
 
 /// The exit code after a fault of the program itself.

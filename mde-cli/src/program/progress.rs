@@ -76,8 +76,8 @@ pub(crate) struct Progress {
     iteration: [usize; 2],
     current: Option<Current>,
     /// Of the whole run, and of the refinement that it is at.
-    warnings: Vec<String>,
-    own_warnings: Vec<String>,
+    pub(crate) warnings: Vec<String>,
+    pub(crate) own_warnings: Vec<String>,
     /// When that refinement began.
     begun: Instant,
     /// Warnings that follow before the result.
@@ -136,16 +136,6 @@ impl Progress {
         for warning in std::mem::take(&mut self.unprinted) {
             self.line(&format!("{WARNING} {warning}"));
         }
-    }
-
-    /// Every warning so far.
-    pub(crate) fn all_warnings(&self) -> &[String] {
-        &self.warnings
-    }
-
-    /// The warnings of the refinement that the run is at.
-    pub(crate) fn own_warnings(&self) -> &[String] {
-        &self.own_warnings
     }
 
     /// Seconds since that refinement began.
@@ -366,9 +356,9 @@ mod tests {
         for (name, warning) in [("a.png", "resized"), ("b.png", "resized"), ("c.png", "no pose")] {
             progress.next(name);
             progress.warn(warning.to_owned());
-            assert_eq!(progress.own_warnings(), [warning], "{name}");
+            assert_eq!(progress.own_warnings, [warning], "{name}");
         }
-        assert_eq!(progress.all_warnings(), ["of the capture", "resized", "no pose"]);
+        assert_eq!(progress.warnings, ["of the capture", "resized", "no pose"]);
     }
 
     #[test]

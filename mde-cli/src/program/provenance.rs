@@ -43,7 +43,7 @@ pub(crate) fn about<'r>(
         command_line: Some(command_line()),
         preset: settings.map(|settings| settings.preset.name()),
         seed: settings.map(|settings| settings.config.seed),
-        warnings: progress.own_warnings(),
+        warnings: &progress.own_warnings,
         total_seconds: progress.own_seconds(),
         peak_memory_bytes: peak_memory(),
         ..About::new(command, input, camera)

@@ -36,13 +36,8 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) pixels: PixelArgs,
     /// Methods to compare with the prior, separated by commas
-    #[arg(
-        long,
-        value_name = "NAMES",
-        value_delimiter = ',',
-        default_value = "default",
-        help_heading = "Methods"
-    )]
+    #[arg(long, help_heading = "Methods", value_name = "NAMES")]
+    #[arg(value_delimiter = ',', default_value = "default")]
     pub(crate) methods: Vec<String>,
     /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Methods")]

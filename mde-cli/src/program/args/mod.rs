@@ -315,14 +315,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, help_heading = "Path", value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) orbit: Option<u16>,
     /// Radius of the circle, as a fraction of the median depth
-    #[arg(
-        long,
-        help_heading = "Path",
-        value_name = "X",
-        requires = "orbit",
-        conflicts_with = "translate",
-        default_value_t = 0.03
-    )]
+    #[arg(long, help_heading = "Path", value_name = "X", default_value_t = 0.03)]
+    #[arg(requires = "orbit", conflicts_with = "translate")]
     pub(crate) radius: f64,
     /// One view from a camera moved by X,Y,Z, in the prior's unit (x right, y down, z forward)
     #[arg(long, help_heading = "Path", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]

@@ -2,9 +2,9 @@
 
 use crate::config::{Config, Preset};
 use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
-use crate::program::open::{Truth, all_settings};
+use crate::program::open::all_settings;
 use crate::program::store::OutputFolder;
-use crate::program::{DemoArgs, Job, Progress};
+use crate::program::{DemoArgs, Job, Progress, Truth};
 use crate::refiner::Refiner;
 use crate::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use anyhow::Result;

@@ -107,23 +107,18 @@ pub(super) fn calibrate(args: &CalibrateArgs) -> Result<()> {
     };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (entries, failures) = evaluation.run(&mut progress)?;
-    let scenes: Vec<_> = entries
-        .iter()
-        .filter(|entry| entry.method == name)
-        .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
-        .collect();
-    let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
-    let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
-    let (data, prior, alignment) = (
-        evaluation.source.title.clone(),
-        evaluation.prior.title.clone(),
-        evaluation.scoring.alignment_note(),
-    );
+    let (mut scenes, mut scales) = (Vec::new(), Vec::new());
+    for entry in entries.iter().filter(|entry| entry.method == name) {
+        let Some(curves) = &entry.curves else { continue };
+        scenes.push((entry.scene.clone(), curves.abs_z_quantiles.clone()));
+        scales.extend(entry.values.get("alignment_scale"));
+    }
     let path = evaluation.store.root.join(CALIBRATION);
     let calibrated = !scenes.is_empty();
     if calibrated {
-        let source = CalibrationSource { method: name, data, prior, alignment };
         let (prior, hash) = (&evaluation.prior, evaluation.prior.model_hash());
+        let (data, alignment) = (evaluation.source.title.clone(), evaluation.scoring.alignment_note());
+        let source = CalibrationSource { method: name, data, prior: prior.title.clone(), alignment };
         let made_for = fingerprint(&config, prior.accepts_new_images(), several, hash)?;
         let mut calibration = Calibration::fit(source, made_for, scenes)?;
         if prior.is_metric() {

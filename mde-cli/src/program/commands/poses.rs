@@ -1,10 +1,10 @@
 //! `mde poses`: the poses of photographs.
 
 use crate::config::Preset;
-use crate::program::open::scene::{size, unposed};
-use crate::program::open::{existing, limit, prior, sizes};
+use crate::program::open::scene::size;
+use crate::program::open::{Opener, existing, limit, prior, sizes};
 use crate::program::store::{NewFolder, check_new_file};
-use crate::program::{PosesArgs, Progress, line_of};
+use crate::program::{PosesArgs, Progress, line_of, number};
 use crate::refiner::{Refiner, Settings};
 use crate::reports::CaptureReport;
 use anyhow::{Context, Result, ensure};
@@ -35,7 +35,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let _made = NewFolder::make(folder)?;
     // Names are checked before the work.
     paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;
-    let (scene, plan, paths) = unposed(&refiner, &args.camera, "PHOTO", None, paths, &mut progress)?;
+    let opener = Opener { refiner: &refiner, camera: &args.camera };
+    let (scene, plan, paths) = opener.unposed("PHOTO", None, paths, &mut progress)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();
@@ -67,8 +68,6 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
 /// One row per photograph.
 fn table(report: &CaptureReport) -> Table {
     let heads = ["photograph", "verdict", "rotation, degrees", "baseline / depth", "matches"];
-    let number =
-        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let rows = report.photographs.iter().map(|photograph| {
         vec![
             photograph.name.clone(),

@@ -2,9 +2,9 @@
 
 use crate::config::Preset;
 use crate::program::many::{self, every};
-use crate::program::open::{Truth, photographs, prior, refinement_settings, scene};
+use crate::program::open::{Opener, photographs, prior, refinement_settings};
 use crate::program::store::OutputFolder;
-use crate::program::{DenseArgs, Job, Partial, Progress, RefineArgs, line_of};
+use crate::program::{DenseArgs, Job, Partial, Progress, RefineArgs, Truth, line_of};
 use crate::refiner::Refiner;
 use crate::scene::KnownDepths;
 use anyhow::{Result, ensure};
@@ -24,11 +24,10 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     let prior = prior::open(&args.common.prior, !args.views.is_empty())?;
     let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, usual)?)?;
+    let opener = Opener { refiner: &refiner, camera: &args.common.camera };
     let (mut scene, plan) = match args.views.is_empty() {
-        false => {
-            scene::several(&refiner, &args.common.camera, Some(&args.image), &args.views, &mut progress)?
-        }
-        true => scene::one(&refiner, &args.common.camera, &args.image, false, &mut progress)?,
+        false => opener.several(Some(&args.image), &args.views, &mut progress)?,
+        true => opener.one(&args.image, false, &mut progress)?,
     };
     let input = args.image.display().to_string();
     let reference = &scene.photographs[scene.reference];
@@ -61,7 +60,8 @@ pub(super) fn dense(args: &DenseArgs) -> Result<()> {
     let prior = prior::open(&args.common.prior, true)?;
     let capture = std::slice::from_ref(&args.capture);
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
-    let (scene, plan) = scene::several(&refiner, &args.common.camera, None, capture, &mut progress)?;
+    let opener = Opener { refiner: &refiner, camera: &args.common.camera };
+    let (scene, plan) = opener.several(None, capture, &mut progress)?;
     let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
     every::run(&job, &scene, &plan, args, &output, &mut progress)

@@ -53,7 +53,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     let summary = Summary::new(&entries, reference.as_deref(), &Bootstrap::default())?;
     let verdict = verdict(&summary, TABLE);
     let value = json!({ "verdict": verdict, "title": title, "alignment": alignment, "command_line": command_line(), "made_from": record,
-        "versions": versions(), "failures": failures, "warnings": progress.own_warnings(), "summary": summary });
+        "versions": versions(), "failures": failures, "warnings": progress.own_warnings, "summary": summary });
     let counted = summary.counted();
     let mut tables = vec![Block::Heading(1, title), Block::Text(format!("{counted}. {alignment}"))];
     let lists = [verdict, failed];

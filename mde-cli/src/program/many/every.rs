@@ -9,7 +9,7 @@ use crate::output::record::{About, versions};
 use crate::program::many::{finish, finished, mark};
 use crate::program::report::{INDEX, every_page};
 use crate::program::store::{OpenFolder, OutputFolder, RECORD};
-use crate::program::{DenseArgs, Job, Progress, about, interrupt, intervals, message, write_json};
+use crate::program::{DenseArgs, Job, Progress, about, interrupt, intervals, message, number, write_json};
 use crate::refiner::Plan;
 use crate::scene::Scene;
 use anyhow::{Result, bail};
@@ -116,7 +116,7 @@ pub(crate) fn run(
     };
     let record = EveryRecord {
         about: About {
-            warnings: progress.all_warnings(),
+            warnings: &progress.warnings,
             total_seconds: progress.seconds(),
             ..about("dense", input, prepared.camera(), Some(settings), progress)
         },
@@ -144,12 +144,9 @@ fn maps(folder: &Path) -> Result<(Array2<f32>, Array2<f32>, f64)> {
     Ok((map("depth.npy")?, map("sigma.npy")?, scale))
 }
 
-fn percent(share: Option<f64>) -> String {
-    share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s))
-}
-
 fn table(rows: &[PhotographRow]) -> Table {
     let heads = ["photograph", "result", "verified, %", "sigma / depth, %", "seconds"];
+    let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 1);
     let rows = rows.iter().map(|row| {
         vec![
             row.photograph.clone(),

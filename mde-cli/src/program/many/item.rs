@@ -6,7 +6,7 @@ use crate::output::record::versions;
 use crate::prior::hash_files;
 use crate::program::many::index::TABLE;
 use crate::program::many::{finished, mark};
-use crate::program::open::{content, scene};
+use crate::program::open::{Opener, content, scene};
 use crate::program::store::OutputFolder;
 use crate::program::{Job, Progress, RefineArgs, caught, message, side_by_side};
 use crate::refiner::same_scale::{OneScale, groups_warning};
@@ -84,7 +84,8 @@ impl Common<'_> {
             other => other.into(),
         })?;
         drop(bytes);
-        scene::photograph(self.job.refiner, &self.args.common.camera, &item.path, photo, false, progress)
+        let opener = Opener { refiner: self.job.refiner, camera: &self.args.common.camera };
+        opener.photograph(&item.path, photo, false, progress)
     }
 
     /// Everything that the results depend on, the photograph by its content.
@@ -115,7 +116,7 @@ impl Common<'_> {
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
             write_image(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
             row.measure(refined);
-            row.warnings = progress.own_warnings().to_vec();
+            row.warnings = progress.own_warnings.clone();
             row.seconds = start.elapsed().as_secs_f64();
             mark(path, &made_from, &row)
         })?;

@@ -131,15 +131,6 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     finish(&rows, output, page, &Document::default(), &more, json!({}), progress)
 }
 
-/// A few words on a photograph, for a line.
-fn outcome(row: &PhotographRow) -> String {
-    match &row.error {
-        Some(error) => format!("failed: {error}"),
-        None if row.kept => "finished before".to_owned(),
-        None => format!("{:.1} s", row.seconds),
-    }
-}
-
 /// Least time between two indices of a run.
 const INDEX_SECONDS: Duration = Duration::from_secs(5);
 /// The same, over the time that the last one took: with so many photographs that it takes long.
@@ -166,7 +157,12 @@ impl State<'_> {
             return;
         }
         self.refined += usize::from(!row.kept);
-        let text = format!("{}: {}", row.photograph, outcome(&row));
+        let outcome = match &row.error {
+            Some(error) => format!("failed: {error}"),
+            None if row.kept => "finished before".to_owned(),
+            None => format!("{:.1} s", row.seconds),
+        };
+        let text = format!("{}: {outcome}", row.photograph);
         let value = json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
             "status": row.status(), "kept": row.kept, "error": row.error, "photograph_seconds": row.seconds });
         self.rows.insert(index, row);

@@ -4,8 +4,7 @@ pub(crate) mod photographs;
 pub(crate) mod prior;
 pub(crate) mod scene;
 mod settings;
-mod truth;
 
 pub(crate) use photographs::{content, existing};
+pub(crate) use scene::Opener;
 pub(crate) use settings::*;
-pub(crate) use truth::Truth;

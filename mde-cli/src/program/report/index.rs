@@ -1,6 +1,7 @@
 //! The page of a folder with a folder for each photograph: no script, and pictures from beside it.
 
 use crate::output::every::PhotographRow;
+use crate::program::number;
 use crate::program::report::page::{STYLE, escaped};
 use std::fmt::Write as _;
 
@@ -13,9 +14,7 @@ pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &st
         |row: &PhotographRow| if row.error.is_some() { f64::INFINITY } else { row.sigma.unwrap_or(0.0) };
     sorted.sort_by(|a, b| sigma(b).total_cmp(&sigma(a)).then(a.photograph.cmp(&b.photograph)));
     let mut body = String::new();
-    let number = |value: Option<f64>, times: f64| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{:.2}", times * v))
-    };
+    let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 2);
     for row in &sorted {
         let name = quoted(&row.photograph);
         let shown = row.folder.as_deref().map_or_else(String::new, |folder| {
@@ -34,9 +33,9 @@ pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &st
         let _ = writeln!(
             body,
             "<tr><td>{shown}</td><td>{name}<br>{about}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
-            number(row.sigma, 100.0),
-            number(row.sigma_90, 100.0),
-            number(row.median_depth, 1.0),
+            percent(row.sigma),
+            percent(row.sigma_90),
+            number(row.median_depth, 2),
             row.seconds
         );
     }
