@@ -178,22 +178,16 @@ fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
 
 fn from_text(text: &[String; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.txt");
-    let raw = colmap::Raw {
-        cameras: colmap::text_cameras(path, &text[0])?,
-        images: colmap::text_images(path, &text[1])?,
-        points: colmap::text_points(path, &text[2])?,
-    };
-    raw.capture(path, Path::new("shots"), &present)
+    let cameras = colmap::text_cameras(path, &text[0])?;
+    let (images, points) = (colmap::text_images(path, &text[1])?, colmap::text_points(path, &text[2])?);
+    colmap::Raw { cameras, images, points }.capture(path, Path::new("shots"), &present)
 }
 
 fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.bin");
-    let raw = colmap::Raw {
-        cameras: colmap::binary_cameras(path, &bytes[0])?,
-        images: colmap::binary_images(path, &bytes[1])?,
-        points: colmap::binary_points(path, &bytes[2])?,
-    };
-    raw.capture(path, Path::new("shots"), &present)
+    let cameras = colmap::binary_cameras(path, &bytes[0])?;
+    let (images, points) = (colmap::binary_images(path, &bytes[1])?, colmap::binary_points(path, &bytes[2])?);
+    colmap::Raw { cameras, images, points }.capture(path, Path::new("shots"), &present)
 }
 
 #[test]

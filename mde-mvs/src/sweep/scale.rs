@@ -155,21 +155,20 @@ fn cauchy_line(rows: &[Row], contrast_precision: f64) -> Option<Fit> {
     result
 }
 
-fn rows(matches: &[Match]) -> Vec<Row> {
+/// Those of the matches that count, if they are enough.
+fn rows(matches: &[Match]) -> Option<Vec<Row>> {
     let good = |m: &&Match| {
         m.prior > 0.0 && m.depth > 0.0 && m.weight > 0.0 && m.prior.is_finite() && m.depth.is_finite()
     };
     let row = |m: &Match| (f64::from(m.prior).ln(), f64::from(m.depth).ln(), f64::from(m.weight), m.patch);
-    matches.iter().filter(good).map(row).collect()
+    let rows: Vec<Row> = matches.iter().filter(good).map(row).collect();
+    (rows.len() >= MIN_MATCHES).then_some(rows)
 }
 
 impl Scale {
     /// The factor that the matches agree on; nothing with fewer than 16.
     pub fn fit(matches: &[Match]) -> Option<Self> {
-        let mut rows = rows(matches);
-        if rows.len() < MIN_MATCHES {
-            return None;
-        }
+        let mut rows = rows(matches)?;
         // The contrast is 1, so that the ratio of the depths is an offset alone.
         for row in &mut rows {
             (row.0, row.1) = (0.0, row.1 - row.0);
@@ -183,22 +182,18 @@ impl Scale {
 impl Gauge {
     /// The affine gauge that the matches agree on; nothing with fewer than 16.
     pub fn fit(matches: &[Match]) -> Option<Self> {
-        let mut rows = rows(matches);
-        if rows.len() < MIN_MATCHES {
-            return None;
-        }
+        let mut rows = rows(matches)?;
         let total: f64 = rows.iter().map(|r| r.2).sum();
         let middle = rows.iter().map(|r| r.2 * r.0).sum::<f64>() / total;
         for row in &mut rows {
             row.0 -= middle;
         }
         let fit = cauchy_line(&rows, CONTRAST.powi(-2))?;
-        let c = fit.covariance;
         Some(Self {
             offset: fit.solution[0],
             contrast: fit.solution[1],
             middle,
-            covariance: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+            covariance: fit.covariance.transpose().into(),
             spread: fit.spread,
             matches: rows.len(),
         })
@@ -251,10 +246,8 @@ mod tests {
     fn matches(offset: f64, contrast: f64, wrong: usize, seed: u64) -> Vec<Match> {
         (0..400_usize)
             .map(|i| {
-                let noise = ((i as u64).wrapping_mul(6_364_136_223_846_793_005).wrapping_add(seed) >> 40)
-                    as f64
-                    / (1_u64 << 24) as f64
-                    - 0.5;
+                let bits = (i as u64).wrapping_mul(6_364_136_223_846_793_005).wrapping_add(seed) >> 40;
+                let noise = bits as f64 / (1_u64 << 24) as f64 - 0.5;
                 let prior = 1.0 + 0.01 * i as f64;
                 let z = (offset + contrast * prior.ln() + 0.02 * noise).exp();
                 let z = if i % 10 < wrong { 9.0 * z } else { z };

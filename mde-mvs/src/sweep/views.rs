@@ -111,16 +111,14 @@ fn overlap(from: &PosedView, to: &PosedView, depth: ArrayView2<'_, f32>) -> (f64
 
 /// Mean squared central difference.
 fn gradient_energy(luma: &Array2<f32>) -> f64 {
-    let (h, w) = luma.dim();
-    let mut sum = 0.0;
-    for y in 1..h.saturating_sub(1) {
-        for x in 1..w.saturating_sub(1) {
-            let gx = 0.5 * f64::from(luma[(y, x + 1)] - luma[(y, x - 1)]);
-            let gy = 0.5 * f64::from(luma[(y + 1, x)] - luma[(y - 1, x)]);
-            sum += gx * gx + gy * gy;
-        }
-    }
-    sum / (h.saturating_sub(2) * w.saturating_sub(2)).max(1) as f64
+    let energy = |square: ArrayView2<'_, f32>| {
+        let gx = 0.5 * f64::from(square[(1, 2)] - square[(1, 0)]);
+        let gy = 0.5 * f64::from(square[(2, 1)] - square[(0, 1)]);
+        gx * gx + gy * gy
+    };
+    let energies = luma.windows((3, 3)).into_iter().map(energy);
+    let (sum, count) = energies.fold((0.0, 0_usize), |(sum, count), energy| (sum + energy, count + 1));
+    sum / count.max(1) as f64
 }
 
 #[cfg(test)]
