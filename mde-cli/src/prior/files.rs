@@ -8,8 +8,7 @@ use std::io::Read as _;
 use std::path::Path;
 
 impl OpenPrior<'_> {
-    /// Reads a map. Without a kind it is metric, or depth in an unknown unit where the file's metadata have another unit. Eight bits are
-    /// read as disparity alone, whatever `options` has.
+    /// Reads a map, without a kind as metric, or of the unknown unit in its metadata. Eight bits are read as disparity alone, in any case.
     ///
     /// # Errors
     /// [`Error::Prior`] for a file that can't be read.
@@ -44,8 +43,7 @@ impl OpenPrior<'_> {
         Ok(Self { note, ..Self::map(prior, PriorOrigin::new(PriorForm::Map, kind, source)) })
     }
 
-    /// Opens a network on a runtime. Its format is that of the profile of that name or file, by default the recognised one; `kind` is that
-    /// of its values, where it is given.
+    /// Opens a network on a runtime. A profile's name or file gives its format, by default recognised; `kind` that of its values, if any.
     ///
     /// # Errors
     /// [`Error::Prior`] for an unknown profile, or a network that can't be opened; [`Error::Argument`] for one that is not recognised.

@@ -65,8 +65,7 @@ impl PriorOrigin {
         )
     }
 
-    /// The origin of predictions for cameras of that focal length / width, where it is known: a network whose metres depend on it has some
-    /// only then.
+    /// The origin of predictions at that focal length / width: a network whose metres depend on it has some only where it is known.
     #[must_use]
     pub fn at_focal(&self, focal: Option<f64>) -> Self {
         let metric = self.model.as_ref().filter(|spec| spec.canonical_focal.is_some() && focal.is_some());

@@ -38,8 +38,7 @@ fn examples(command: &Command) -> Vec<String> {
     own.chain(command.get_subcommands().flat_map(examples)).collect()
 }
 
-/// Parses a command of the program, also one that Cargo starts, and checks what the parser leaves to the command: names of methods and
-/// rows. Other programs' are false.
+/// Parses a command of the program, also one that Cargo starts, with its names of methods and rows. Other programs' are false.
 fn is_taken(words: &[String]) -> Result<bool, String> {
     let start = match &*words[0] {
         "mde" => Some(0),

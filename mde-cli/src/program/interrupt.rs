@@ -66,7 +66,6 @@ pub(crate) fn flow() -> ControlFlow<()> {
 }
 
 /// A file or folder that is removed when a signal ends the program, until this is dropped.
-#[derive(Debug)]
 pub(crate) struct Guard(PathBuf);
 
 /// Names a file or folder to be removed when a signal ends the program.

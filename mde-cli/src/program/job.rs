@@ -154,25 +154,15 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    /// The map that `--gt` names for an image of `(height, width)`, resized, if it is given.
-    pub(crate) fn open(
-        path: Option<&Path>,
-        size: (usize, usize),
-        to: (usize, usize),
-    ) -> Result<Option<Self>> {
-        let Some(path) = path else { return Ok(None) };
-        let depth = read_depth(path, &ReadOptions::default())?;
+    /// The map that `--gt` names for an image of `(height, width)`, resized.
+    pub(crate) fn open(path: &Path, size: (usize, usize), to: (usize, usize)) -> Result<Self> {
+        let (source, depth) = (path.display().to_string(), read_depth(path, &ReadOptions::default())?);
+        let ((height, width), (rows, columns)) = (size, depth.dim());
         ensure!(
             depth.dim() == size,
-            "{}: the truth is {}x{} but the image is {}x{} (width x height); make both the same size",
-            path.display(),
-            depth.ncols(),
-            depth.nrows(),
-            size.1,
-            size.0
+            "{source}: the truth is {columns}x{rows} but the image is {width}x{height} (width x height); make both the same size"
         );
-        let depth = nearest(depth.view(), to);
-        Ok(Some(Self { source: path.display().to_string(), depth }))
+        Ok(Self { source, depth: nearest(depth.view(), to) })
     }
 
     /// Scores of prior and refined depth, each under its own alignment, by three rules.

@@ -30,7 +30,6 @@ enum Mode {
 }
 
 /// A stage, or the pieces of a run's work.
-#[derive(Debug)]
 struct Current {
     name: String,
     start: Instant,
@@ -68,7 +67,6 @@ impl Drop for Current {
 }
 
 /// Progress of a run.
-#[derive(Debug)]
 pub(crate) struct Progress {
     mode: Mode,
     start: Instant,
@@ -214,8 +212,7 @@ impl Progress {
         self.draw(text, Some(left));
     }
 
-    /// Reports one finished piece of work; `left` estimates the remaining seconds. On a terminal the line names the last one, and only a piece
-    /// with an `error` in its `value` leaves another.
+    /// Reports a finished piece of work, with estimated seconds `left`. On a terminal only one with an `error` in its `value` leaves a line.
     pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
         self.in_pieces = true;
         if self.mode == Mode::Terminal {

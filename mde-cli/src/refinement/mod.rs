@@ -39,8 +39,7 @@ use views::median_depth;
 /// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
 ///
 /// # Errors
-/// The error of a stage, [`Error::EmptyPrior`], [`Error::Size`], [`Error::Argument`] for a prior out of range, or [`Error::Interrupted`] where the
-/// callback returned `Break`.
+/// The error of a stage, [`Error::EmptyPrior`], [`Error::Size`], [`Error::Argument`] for a prior out of range, [`Error::Interrupted`].
 pub fn refine(
     image: ArrayView3<'_, f32>,
     camera: &PinholeCamera,
@@ -191,8 +190,7 @@ pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>
     }
 }
 
-/// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
-/// pixels known to both; `None` where there are none.
+/// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over pixels known to both, if any.
 fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
     let (field, prior): (Vec<f64>, Vec<f64>) = field
         .mean()

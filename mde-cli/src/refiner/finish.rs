@@ -210,8 +210,7 @@ impl<'s> Refined<'s> {
         std::iter::once(self.image).chain(used.map(|(_, (one, _))| one.image.view())).collect()
     }
 
-    /// Pictures of several photographs, by the names of their files: the photographs, small, and the novel view beside what the field
-    /// renders.
+    /// Pictures of several photographs, by file names: the photographs, small, and the novel view beside what the field renders.
     pub fn pictures(&self) -> Vec<(String, Array3<u8>)> {
         let Some(report) = &self.refinement.capture else { return Vec::new() };
         let small = |image: ArrayView3<'_, f32>| thumbnail(image).mapv(byte);

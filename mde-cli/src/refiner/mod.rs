@@ -195,8 +195,7 @@ impl<'p> Refiner<'p> {
         Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
     }
 
-    /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. Its camera is the network's own where the
-    /// network estimates one and none is known.
+    /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. An unknown camera is the network's.
     fn bind(
         &self,
         photograph: &Photograph,
@@ -245,8 +244,7 @@ impl<'p> Refiner<'p> {
         scale.prepare(photograph.image.view(), &camera, &prior)
     }
 
-    /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of those
-    /// that are swept together.
+    /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of views.
     ///
     /// # Errors
     /// [`Error::Argument`] for a scene without its reference, the error of the prior, and those of [`PreparedScene::new`].
@@ -298,8 +296,7 @@ impl<'s> Prepared<'s> {
     /// Refines a photograph: the reference of one, any of several. `field` makes the field in the place of [`Config::nerf`]'s.
     ///
     /// # Errors
-    /// The error of a stage, [`Error::Interrupted`] where the observer returned `Break`, [`Error::Argument`] for known
-    /// depths that give no scale.
+    /// The error of a stage, [`Error::Interrupted`] after a `Break` of the observer, [`Error::Argument`] for known depths without a scale.
     pub fn refine(
         &mut self,
         photograph: usize,

@@ -69,8 +69,7 @@ pub struct PhotographReport {
     pub used: bool,
     /// Result of the pose estimation.
     pub verdict: String,
-    /// Number of its features that fit its pose and were matched in other photographs; for given poses, of its matches
-    /// that fit them.
+    /// Number of its features that fit its pose and were matched in other photographs; for given poses, of its matches that fit them.
     pub matches: Option<usize>,
     /// Distance from the reference over the median depth of what both see.
     pub parallax: Option<f64>,

@@ -143,8 +143,7 @@ fn poses_are_written_and_read_again() {
 const DENSE: &str = "dense transforms.json --prior-model grey.onnx --model-profile fastdepth \
                    --prior-kind metric --config quick.toml";
 
-/// All photographs with a network of brightness: what is written fits together. Killed after its first photograph, the same command takes
-/// that one and writes what an unbroken run writes.
+/// What is written fits together. Killed after its first photograph, the same command takes that one and writes what an unbroken run does.
 #[test]
 #[cfg(feature = "onnx")]
 fn every_photograph_gets_a_folder_and_all_a_cloud() {

@@ -85,8 +85,7 @@ fn grid() -> impl Iterator<Item = (bool, &'static str)> {
     rows.map(|row| (row.starts_with('*'), &row[2..]))
 }
 
-/// Peaks of short fits over a grid of settings; `docs/reliability.md` has the summary of `memory.txt` in the folder of
-/// temporary files that cargo gives to tests.
+/// Peaks of short fits over a grid; `docs/reliability.md` has the summary of `memory.txt`, in cargo's folder of temporary files.
 #[test]
 #[ignore = "takes minutes"]
 fn the_estimates_over_a_grid_of_settings_are_close() {

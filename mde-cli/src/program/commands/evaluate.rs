@@ -78,15 +78,12 @@ fn variants(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
             known.join(", ")
         );
     }
+    let is_wanted =
+        |row: &str| args.rows.is_empty() || row == FULL || args.rows.iter().any(|name| name == row);
     let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
     for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
-        for row in ablation::rows(base) {
-            let wanted =
-                args.rows.is_empty() || row.name == FULL || args.rows.iter().any(|name| name == row.name);
-            if wanted {
-                methods.push(Method::variant(row.name, row.config(base), row.control(), seed));
-            }
-        }
+        let chosen = ablation::rows(base).filter(|row| is_wanted(row.name));
+        methods.extend(chosen.map(|row| Method::variant(row.name, row.config(base), row.control(), seed)));
     }
     Ok(methods)
 }

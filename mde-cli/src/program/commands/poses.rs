@@ -35,8 +35,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let _made = NewFolder::make(folder)?;
     // Names are checked before the work.
     paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;
-    let opener = Opener { refiner: &refiner, camera: &args.camera };
-    let (scene, plan, paths) = opener.unposed("PHOTO", None, paths, &mut progress)?;
+    let mut opener = Opener { refiner: &refiner, camera: &args.camera, progress: &mut progress };
+    let (scene, plan, paths) = opener.unposed("PHOTO", None, paths)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();

@@ -24,15 +24,16 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     let prior = prior::open(&args.common.prior, !args.views.is_empty())?;
     let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, usual)?)?;
-    let opener = Opener { refiner: &refiner, camera: &args.common.camera };
+    let mut opener = Opener { refiner: &refiner, camera: &args.common.camera, progress: &mut progress };
     let (mut scene, plan) = match args.views.is_empty() {
-        false => opener.several(Some(&args.image), &args.views, &mut progress)?,
-        true => opener.one(&args.image, false, &mut progress)?,
+        false => opener.several(Some(&args.image), &args.views)?,
+        true => opener.one(&args.image, false)?,
     };
     let input = args.image.display().to_string();
     let reference = &scene.photographs[scene.reference];
     let original = reference.original;
-    let truth = Truth::open(args.gt.as_deref(), original, reference.of_results())?;
+    let truth =
+        args.gt.as_deref().map(|path| Truth::open(path, original, reference.of_results())).transpose()?;
     if let Some(path) = &args.scale_from {
         scene.known = Some(KnownDepths::open(path, &args.image, original)?);
     }
@@ -60,8 +61,8 @@ pub(super) fn dense(args: &DenseArgs) -> Result<()> {
     let prior = prior::open(&args.common.prior, true)?;
     let capture = std::slice::from_ref(&args.capture);
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
-    let opener = Opener { refiner: &refiner, camera: &args.common.camera };
-    let (scene, plan) = opener.several(None, capture, &mut progress)?;
+    let mut opener = Opener { refiner: &refiner, camera: &args.common.camera, progress: &mut progress };
+    let (scene, plan) = opener.several(None, capture)?;
     let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
     every::run(&job, &scene, &plan, args, &output, &mut progress)

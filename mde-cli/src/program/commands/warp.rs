@@ -24,7 +24,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let refiner = Refiner::new(&prior, settings)?;
     // Views are not brought back to a larger size.
     let (scene, plan) =
-        Opener { refiner: &refiner, camera: &args.camera }.one(&args.image, true, &mut progress)?;
+        Opener { refiner: &refiner, camera: &args.camera, progress: &mut progress }.one(&args.image, true)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     progress.step("warp");
     let (views, warp) = prepared.synthetic_views()?;

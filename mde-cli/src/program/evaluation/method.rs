@@ -48,8 +48,7 @@ const CONSENSUS: &str = "consensus";
 const FIELD: &str = "field";
 
 impl Method {
-    /// Parses the name of a preset or a baseline, the path of a TOML file over `default` or the preset before a colon, or the name and the
-    /// folder of another program's maps.
+    /// Parses the name of a preset or a baseline, `[PRESET:]FILE.toml` over that preset or `default`, or `NAME=FOLDER` of other maps.
     pub(crate) fn parse(text: &str, seed: Option<u64>) -> Result<Self> {
         let named = |name: &str| match name {
             FIELD => Some(Preset::MultiView),

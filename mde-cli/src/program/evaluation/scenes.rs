@@ -32,14 +32,12 @@ impl Source {
             (None, Some(root)) => DataSetKind::guess(root)?,
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
-        let places = match &args.places {
-            Some(path) => {
-                let text =
-                    open::read_text(path, FileKind::Text).with_context(|| path.display().to_string())?;
-                data::parse_places(&text).with_context(|| path.display().to_string())?
-            }
-            None => BTreeMap::new(),
-        };
+        let mut places = BTreeMap::new();
+        if let Some(path) = &args.places {
+            let shown = || path.display().to_string();
+            let text = open::read_text(path, FileKind::Text).with_context(shown)?;
+            places = data::parse_places(&text).with_context(shown)?;
+        }
         let captures = several.grid.clone().unwrap_or_default();
         let pose_noise = match captures.pose_noises[..] {
             _ if kind == DataSetKind::Captures || several.grid.is_none() => 0.0,

@@ -27,7 +27,6 @@ const SCORES: &str = "scores.json";
 const SCENES: &str = "scenes";
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
-#[derive(Debug)]
 pub(crate) struct Store {
     pub(crate) root: PathBuf,
     /// Whether other shards write into the folder.
@@ -45,15 +44,14 @@ pub(crate) struct Kept {
 }
 
 /// The row beside the maps.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct Row {
     seconds: f64,
     report: Value,
 }
 
 impl Store {
-    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
-    /// into the folder.
+    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Other shards write into a `shared` one.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
         check_own(root, BASIS, Path::exists, |_| false)?;
         let folder = OpenFolder::open(root, shared)?;

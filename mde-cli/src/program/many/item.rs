@@ -62,8 +62,7 @@ impl Common<'_> {
         made.unwrap_or_else(|error| PhotographRow::failed(&item.path.display().to_string(), &message(&error)))
     }
 
-    /// How many photographs run side by side, at most one more than processors: while one is decoded or written, the others keep the
-    /// processors busy. Each thread keeps the memory of its largest photograph.
+    /// How many photographs run side by side: one more than processors, as one is decoded or written, where the memory of the largest fits.
     pub(super) fn workers(&self, items: &[Item]) -> usize {
         let mut sizes: Vec<_> = items.iter().map(|item| scene::size(&item.path)).collect();
         sizes.sort_by_key(|(height, width)| std::cmp::Reverse(height * width));
@@ -84,8 +83,8 @@ impl Common<'_> {
             other => other.into(),
         })?;
         drop(bytes);
-        let opener = Opener { refiner: self.job.refiner, camera: &self.args.common.camera };
-        opener.photograph(&item.path, photo, false, progress)
+        let camera = &self.args.common.camera;
+        Opener { refiner: self.job.refiner, camera, progress }.photograph(&item.path, photo, false)
     }
 
     /// Everything that the results depend on, the photograph by its content.
@@ -123,8 +122,7 @@ impl Common<'_> {
         Ok(row)
     }
 
-    /// The factors of `--same-scale`: [`OneScale`] has the order of the comparisons. They depend neither on the number of threads nor on
-    /// which photographs are finished.
+    /// The factors of `--same-scale`. They depend neither on the number of threads nor on which photographs are finished.
     pub(super) fn same_scale(&self, items: &[Item], progress: &mut Progress) -> Result<Vec<SameScale>> {
         progress.step(&format!("match {} photographs for one scale", items.len()));
         let (start, workers) = (Instant::now(), self.workers(items));

@@ -1,7 +1,6 @@
 //! Many photographs, each refined into a folder of its own.
 //!
-//! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
-//! keeps the folder.
+//! A folder appears whole, by a rename, with its marker (`finished.json`). A run keeps a folder with a marker of its inputs and settings.
 
 pub(crate) mod every;
 mod index;
@@ -49,8 +48,7 @@ fn mark(folder: &Path, made_from: &str, row: &PhotographRow) -> Result<()> {
     Entry::write(folder, ENTRY, made_from.into(), row.clone())
 }
 
-/// The results of a run for the user: `tables`, the numbers of photographs, `more` lines, the folder and its `page`, which a shard does not
-/// write.
+/// The results of a run for the user: `tables`, numbers of photographs, `more` lines, the folder and its `page`, which a shard has not.
 fn finish(
     rows: &[PhotographRow],
     output: &Path,
@@ -79,8 +77,7 @@ fn finish(
     partial(failed.len(), failed.into_iter().next(), output)
 }
 
-/// Refines all photographs that the arguments name, each alone, side by side as far as the memory goes. The index is written from the rows
-/// so far, every few seconds and at the end.
+/// Refines all photographs, each alone, side by side as far as the memory goes. The index is written every few seconds and at the end.
 pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     check_arguments(args)?;
     let Some(output) = &args.common.run.output else {

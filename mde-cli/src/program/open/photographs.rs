@@ -31,8 +31,7 @@ pub(crate) fn are_many(named: &[&Path]) -> bool {
     }
 }
 
-/// All photographs in the order of the arguments, each file once; those of folders and patterns in the order of their names. A named file
-/// that is missing is among them.
+/// All photographs in the order of the arguments, each file once, and missing ones too; those of folders and patterns sorted by name.
 pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
     let (mut paths, mut seen) = (Vec::new(), HashSet::new());
     for name in named {

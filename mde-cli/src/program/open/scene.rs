@@ -16,46 +16,41 @@ pub(crate) fn size(path: &Path) -> (usize, usize) {
     image_size(path).map_or((1, 1), |[width, height]| (height, width))
 }
 
-/// How the photographs of a command are opened: for which refiner, and with which camera.
+/// How the photographs of a command are opened: for which refiner, with which camera, and where warnings go.
 pub(crate) struct Opener<'a> {
     pub(crate) refiner: &'a Refiner<'a>,
     pub(crate) camera: &'a CameraArgs,
+    pub(crate) progress: &'a mut Progress,
 }
 
 impl Opener<'_> {
     /// A photograph alone and its plan; at the size of the refinement where it is as one of `several`.
-    pub(crate) fn one(&self, path: &Path, several: bool, progress: &mut Progress) -> Result<(Scene, Plan)> {
+    pub(crate) fn one(&mut self, path: &Path, several: bool) -> Result<(Scene, Plan)> {
         let plan = self.refiner.plan(&path.display().to_string(), size(path), 1)?;
-        Ok((Scene::one(self.photograph(path, read_image(path)?, several, progress)?), plan))
+        Ok((Scene::one(self.photograph(path, read_image(path)?, several)?), plan))
     }
 
     /// A photograph at its size; one of `several`, or alone.
-    pub(crate) fn photograph(
-        &self,
-        path: &Path,
-        photo: Photo,
-        several: bool,
-        progress: &mut Progress,
-    ) -> Result<Photograph> {
+    pub(crate) fn photograph(&mut self, path: &Path, photo: Photo, several: bool) -> Result<Photograph> {
         let (height, width, _) = photo.pixels.dim();
         let camera = camera(self.camera, photo.focal_35mm, [width, height])?;
         let photograph = Photograph::new(path.display().to_string(), photo.pixels, camera);
-        Ok(photograph
-            .resized(&self.refiner.settings().sizes, several, &mut |warning| progress.warn(warning))?)
+        let mut warn = |warning| self.progress.warn(warning);
+        Ok(photograph.resized(&self.refiner.settings().sizes, several, &mut warn)?)
     }
 
     /// Several photographs and their plan: those of a capture with the poses of its files, or files and folders without poses. The first is
     /// `image`, the others `--views`; without it all are those of CAPTURE.
-    pub(crate) fn several(
-        &self,
-        image: Option<&Path>,
-        views: &[PathBuf],
-        progress: &mut Progress,
-    ) -> Result<(Scene, Plan)> {
+    pub(crate) fn several(&mut self, image: Option<&Path>, views: &[PathBuf]) -> Result<(Scene, Plan)> {
         if let [one] = views
             && let Some(files) = CaptureFiles::find(one)
         {
-            return Ok(self.refiner.capture((&files, one), image, &given_camera(self.camera), progress)?);
+            return Ok(self.refiner.capture(
+                (&files, one),
+                image,
+                &given_camera(self.camera),
+                self.progress,
+            )?);
         }
         let (flag, paths) = match (image, views) {
             (Some(image), _) => ("--views", [vec![image.to_owned()], further(image, views)?].concat()),
@@ -65,18 +60,16 @@ impl Opener<'_> {
             ),
             (None, _) => ("CAPTURE", existing("CAPTURE", views)?),
         };
-        let (scene, plan, _) = self.unposed(flag, image, paths, progress)?;
+        let (scene, plan, _) = self.unposed(flag, image, paths)?;
         Ok((scene, plan))
     }
 
-    /// Photographs without poses, the first the reference, their plan and their paths; `flag` gave them. Of those that can't be read only
-    /// `image` is an error.
+    /// Photographs without poses that `flag` gave, the reference first, their plan and paths. Of unreadable ones only `image` is an error.
     pub(crate) fn unposed(
-        &self,
+        &mut self,
         flag: &str,
         image: Option<&Path>,
         paths: Vec<PathBuf>,
-        progress: &mut Progress,
     ) -> Result<(Scene, Plan, Vec<PathBuf>)> {
         ensure!(
             self.refiner.settings().unit == Unit::Prior,
@@ -91,7 +84,7 @@ impl Opener<'_> {
         for path in paths {
             match read_image(&path) {
                 Ok(photo) => {
-                    photographs.push(self.photograph(&path, photo, true, progress)?);
+                    photographs.push(self.photograph(&path, photo, true)?);
                     read.push(path);
                 }
                 Err(error) if image != Some(&path) => {
@@ -100,7 +93,7 @@ impl Opener<'_> {
                 Err(error) => return Err(error.into()),
             }
         }
-        let (scene, kept) = scene_of(photographs, unreadable, progress)?;
+        let (scene, kept) = scene_of(photographs, unreadable, self.progress)?;
         let read = read.into_iter().zip(kept).filter(|(_, kept)| *kept).map(|(path, _)| path);
         Ok((scene, plan, read.collect()))
     }

@@ -72,8 +72,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     Ok(page::page(title, &data))
 }
 
-/// The method and the metric by which a scene is bad: the first method after the prior with scores of its depth, where there is one,
-/// and its AbsRel, else its first metric.
+/// The method and the metric by which a scene is bad: the first scored depth but the prior's, if there is one; AbsRel, else its first.
 fn judged(summary: &Value) -> Option<(String, &'static Metric)> {
     let methods = summary["summary"]["methods"].as_array()?;
     let has_depth = |method: &&Value| method["metrics"].get("abs_rel").is_some();

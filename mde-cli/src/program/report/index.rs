@@ -5,8 +5,7 @@ use crate::program::number;
 use crate::program::report::page::{STYLE, escaped};
 use std::fmt::Write as _;
 
-/// The page of `all` photographs, or of those that a run has so far, the least sure first; each has a folder with `picture`; `files` stand
-/// beside the folders.
+/// The page of those of `all` photographs that a run has so far, the least sure first, each in a folder with `picture`, beside `files`.
 pub(crate) fn photographs_page(rows: &[&PhotographRow], all: usize, picture: &str, files: &[&str]) -> String {
     let mut sorted = rows.to_vec();
     // What failed comes before what has a sigma.

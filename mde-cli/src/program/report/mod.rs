@@ -1,5 +1,4 @@
-//! `report.html`: one self-contained page that shows a finished folder. It is made from the files of the folder, so it can
-//! be made again at any time.
+//! `report.html`: one self-contained page that shows a finished folder. It is made from the folder's files alone, at any time.
 
 mod encode;
 mod evaluation;

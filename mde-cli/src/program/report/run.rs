@@ -131,8 +131,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     Ok(page::page(&format!("Depth of {name}"), &data))
 }
 
-/// Per pixel 0: no depth, 1: seen by no other photograph, 2: confirmed by none, 2 + n: confirmed by n, `[height, width]`; and the shares of
-/// the origins of the depth.
+/// Per pixel 0: no depth, 1: seen by no other photograph, 2 + n: confirmed by n, `[height, width]`; and the shares of the depth's origins.
 fn evidence(path: &Path) -> Result<(Array2<f32>, Value)> {
     let map = |name: &str| {
         read_values(path, &ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() })

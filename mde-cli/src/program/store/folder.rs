@@ -126,7 +126,6 @@ fn is_unfinished(path: &Path) -> bool {
 }
 
 /// A folder that is made with those above it, and removed with them where nothing came into them.
-#[derive(Debug)]
 pub(crate) struct NewFolder(Vec<PathBuf>);
 
 impl NewFolder {
@@ -149,7 +148,6 @@ impl Drop for NewFolder {
 }
 
 /// A folder that a run fills bit by bit.
-#[derive(Debug)]
 pub(crate) struct OpenFolder {
     // Dropped in this order: the folder can go once the lock is gone.
     _lock: Option<Lock>,
@@ -157,8 +155,7 @@ pub(crate) struct OpenFolder {
 }
 
 impl OpenFolder {
-    /// Makes it where it is missing, and removes what killed runs left unfinished in it; nothing of one that is `shared` with other
-    /// processes, which is not locked either.
+    /// Makes it where it is missing; unless it is `shared` with other processes, locks it and removes what killed runs left unfinished.
     pub(crate) fn open(folder: &Path, shared: bool) -> Result<Self> {
         let made = NewFolder::make(folder)?;
         let lock = if shared { None } else { Lock::take(folder)? };

@@ -17,8 +17,7 @@ const BESIDE: (f64, f64) = (2.1, 30.0 * MIB);
 /// What it keeps of a network's predictions while a field is fitted.
 const KEPT: f64 = 24.0 * MIB;
 
-/// Estimate of the memory of one photograph's refinement, the inference of its prior included. Measured on ten settings, it is .87 to
-/// 1.17 times the peak (docs/performance.md).
+/// Memory of one photograph's refinement, with the prior's inference. On ten settings it is .87 to 1.17 times the peak (docs/performance.md).
 #[derive(Debug, Clone, Copy)]
 pub struct PhotographMemory<'c> {
     config: &'c Config,

@@ -34,9 +34,8 @@ const METHOD: f64 = 8.0;
 /// Bytes per pixel of a view that a shared field rendered: colours, depth, variance, opacity.
 const SHARED_VIEW: f64 = 24.0;
 
-/// Upper bound of the bytes that [`refine`](crate::refinement::refine) needs for an image of that many pixels; measured, it is 1 to 1.25 times
-/// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
-/// included; [`inference::PhotographMemory`] has it.
+/// Upper bound of the bytes that [`refine`](crate::refinement::refine) needs for that many pixels: 1 to 1.25 times the measured peak for
+/// small images, up to twice for large ones. The prior's own inference is not included; [`inference::PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     (PROGRAM + pixels as f64 * pixel_bytes(config) + config.nerf.fit_bytes()) as u64
 }
@@ -62,8 +61,7 @@ fn rendered(config: &Config) -> f64 {
     config.novel.count.max(1) as f64
 }
 
-/// Upper bound of the memory of an evaluation, by the size of the scenes; measured, it is 1.1 to 2 times the real peak. The memory
-/// of the prior's own inference is not included.
+/// Upper bound of an evaluation's memory by the size of the scenes, 1.1 to 2 times the measured peak, without the prior's inference.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneMemory {
     /// Bytes per pixel.
