@@ -26,7 +26,7 @@ use crate::refinement::predict::{Start, predict};
 use crate::refinement::views::synthesise;
 use crate::reports::{Component, IterationReport, Refinement};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
-use mde_nerf::RadianceField;
+use mde_nerf::{FieldEvent, RadianceField};
 use mde_prior::DepthPrior;
 use mde_prior::augment::Progress;
 use mde_uncertainty::GaussianDepth;
@@ -139,15 +139,14 @@ impl Run<'_, '_> {
 
         let start = self.begin(Stage::Fit, index)?;
         let callback = &mut *self.callback;
-        let mut listen =
-            |event: &mde_nerf::FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
+        let mut listen = |event: &FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
         report.fit = field.fit(&views, &mut listen)?;
         report.seconds.fit = start.elapsed().as_secs_f64();
         drop(views);
 
         let start = self.begin(Stage::Render, index)?;
         let callback = &mut *self.callback;
-        let mut listen = |event: &mde_nerf::FieldEvent, view: usize, views: usize| {
+        let mut listen = |event: &FieldEvent, view: usize, views: usize| {
             callback(&Event::Field { event: *event, view, views })
         };
         let seen =

@@ -63,11 +63,8 @@ impl ErrorBar {
     /// # Errors
     /// Those of [`read`].
     pub fn open(probability: Option<f64>, calibration: Option<&Path>) -> Result<Self> {
-        let given = match calibration {
-            Some(path) => Some((path.display().to_string(), read(path)?)),
-            None => None,
-        };
-        Ok(Self { probability, given })
+        let named = |path: &Path| -> Result<_> { Ok((path.display().to_string(), read(path)?)) };
+        Ok(Self { probability, given: calibration.map(named).transpose()? })
     }
 
     /// What results depend on: the probability, and the calibration by its content.

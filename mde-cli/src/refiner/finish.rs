@@ -107,19 +107,14 @@ impl<'s> Prepared<'s> {
     ) -> Result<Refined<'s>> {
         let (scene, origin) = (self.scene, self.origin());
         let Settings { config, error_bar, .. } = &self.refiner.settings;
-        let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
-        if let Some(report) = &refinement.capture {
-            match &report.fallback {
-                Some(reason) => {
-                    warn(format!("{{views}}: {reason}; only the reference photograph was used"));
-                }
-                None => {
-                    let estimated = report.photographs.get(photograph).and_then(|found| found.camera);
-                    if let Some(found) = estimated.filter(|found| *found != camera.camera) {
-                        camera = KnownCamera { camera: found, source: CameraSource::Estimated };
-                    }
-                }
-            }
+        let report = refinement.capture.as_ref();
+        let used = report.is_some_and(|report| report.fallback.is_none());
+        if let Some(reason) = report.and_then(|report| report.fallback.as_ref()) {
+            warn(format!("{{views}}: {reason}; only the reference photograph was used"));
+        }
+        let estimated = report.filter(|_| used).and_then(|report| report.photographs.get(photograph)?.camera);
+        if let Some(found) = estimated.filter(|found| *found != camera.camera) {
+            camera = KnownCamera { camera: found, source: CameraSource::Estimated };
         }
         // Refused photographs have no unit.
         let mut unit = self.result_unit();

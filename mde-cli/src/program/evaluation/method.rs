@@ -157,10 +157,8 @@ impl Method {
             }
             Kind::Loop { config, several: true, .. } => scene.refined(config, scene.photographs, None),
             Kind::Loop { config, control, .. } => {
-                let control: Option<Arc<dyn Baseline + Send + Sync>> = match control {
-                    Some(control) => Some(baseline::named(control)?.into()),
-                    None => None,
-                };
+                let control = control.map(baseline::named).transpose()?;
+                let control: Option<Arc<dyn Baseline + Send + Sync>> = control.map(Arc::from);
                 let mut factory =
                     |request: FieldRequest<'_>| -> crate::error::Result<Box<dyn RadianceField>> {
                         let (config, seed) = (request.config.clone(), request.seed);

@@ -127,10 +127,8 @@ pub(crate) fn run(
         prior_seconds,
     };
     write_json(&output.join(RECORD), &record)?;
-    let (tables, more) = (
-        Document { blocks: vec![Block::Table(table(&rows))] },
-        format!("{points} points in {CLOUD}\n{more}"),
-    );
+    let tables = Document { blocks: vec![Block::Table(table(&rows))] };
+    let more = format!("{points} points in {CLOUD}\n{more}");
     finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)
 }
 
