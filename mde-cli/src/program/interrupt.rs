@@ -55,7 +55,6 @@ fn wait_for_quit() {
     }
 }
 
-/// Whether a signal has arrived.
 pub(crate) fn requested() -> bool {
     REQUESTED.load(Ordering::SeqCst)
 }

@@ -27,7 +27,6 @@ use std::time::Instant;
 pub(crate) struct Job<'p> {
     pub(crate) command: &'static str,
     pub(crate) refiner: &'p Refiner<'p>,
-    /// Files for other programs.
     pub(crate) export: &'p [Format],
     pub(crate) truth: Option<Truth>,
     /// Whether the photographs are written too, as they are.
@@ -146,7 +145,6 @@ impl Job<'_> {
     }
 }
 
-/// A true depth.
 pub(crate) struct Truth {
     pub(crate) source: String,
     /// Metres, `[height, width]`; 0 = missing.

@@ -30,7 +30,6 @@ use summary::intervals;
 use terminal::{Partial, columns, fault, flags, line_of, message, number, one_line, partial, print, visible};
 use workers::{caught, lock, side_by_side};
 
-/// The exit code after a fault of the program itself.
 const FAULT: u8 = 101;
 const KEPT: &str = "interrupted; finished work is kept, and the same command resumes it";
 

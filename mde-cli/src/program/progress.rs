@@ -18,7 +18,6 @@ use std::time::{Duration, Instant};
 /// Least time between two drawings of a line.
 const REDRAW: Duration = Duration::from_millis(50);
 
-/// Begins the line of a warning.
 const WARNING: &str = "warning:";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +65,6 @@ impl Drop for Current {
     }
 }
 
-/// Progress of a run.
 pub(crate) struct Progress {
     mode: Mode,
     start: Instant,
@@ -76,7 +74,6 @@ pub(crate) struct Progress {
     /// Of the whole run, and of the refinement that it is at.
     pub(crate) warnings: Vec<String>,
     pub(crate) own_warnings: Vec<String>,
-    /// When that refinement began.
     begun: Instant,
     /// Warnings that follow before the result.
     unprinted: Vec<String>,
@@ -116,7 +113,6 @@ impl Progress {
         }
     }
 
-    /// Seconds since the program began.
     pub(crate) fn seconds(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
     }

@@ -10,7 +10,6 @@ use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
 
-/// Writes a record as JSON.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value).with_context(|| path.display().to_string())?;
     Ok(mde_prior::write_atomic(path, (text + "\n").as_bytes())?)

@@ -71,7 +71,6 @@ pub(crate) fn one_line(text: &str) -> String {
     visible(text).replace('\n', "\\n")
 }
 
-/// A path in a line.
 pub(crate) fn line_of(path: &Path) -> String {
     one_line(&path.display().to_string())
 }

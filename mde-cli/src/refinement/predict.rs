@@ -18,7 +18,6 @@ pub(crate) struct Start {
     pub(crate) prior: Array2<f32>,
     /// The merged depth; [exact](known) where there is one prediction, since it states no error.
     pub(crate) depth: GaussianDepth,
-    /// The parts of the standard deviation.
     pub(crate) components: Vec<Component>,
     /// How sure the model itself is.
     pub(crate) certainty: Option<Certainty>,

@@ -75,7 +75,6 @@ impl<'s> Stages<'s> {
         self
     }
 
-    /// The field of an iteration.
     pub(crate) fn field(&mut self, config: &Config, iteration: usize) -> Result<Box<dyn RadianceField>> {
         let seed = match iteration {
             0 => config.seed,

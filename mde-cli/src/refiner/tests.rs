@@ -15,10 +15,10 @@ use std::ops::ControlFlow;
 
 const SIZE: [usize; 2] = [128, 96];
 
-/// The exact depth of the first photograph, a constant elsewhere; of a network whose loading takes that many bytes.
-struct Network {
-    known: Option<(ArcArray<f32, Ix3>, Array2<f32>)>,
-    bytes: u64,
+/// The exact depth of the first photograph, a constant elsewhere; of a network that takes so many bytes, and a prediction a hundred million.
+pub(super) struct Network {
+    pub(super) known: Option<(ArcArray<f32, Ix3>, Array2<f32>)>,
+    pub(super) bytes: u64,
 }
 
 impl DepthPrior for Network {
@@ -35,8 +35,12 @@ impl DepthPrior for Network {
         true
     }
 
+    fn concurrency(&self) -> usize {
+        usize::MAX
+    }
+
     fn memory(&self, _: usize, _: usize) -> Option<InferenceMemory> {
-        Some(InferenceMemory { model: self.bytes, prediction: 0 })
+        Some(InferenceMemory { model: self.bytes, prediction: 100_000_000 })
     }
 }
 

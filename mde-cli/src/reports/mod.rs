@@ -2,12 +2,10 @@
 
 pub mod capture;
 pub mod evidence;
-pub mod iteration;
 pub mod prediction;
 mod refinement;
 
 pub use capture::{CaptureReport, PoseSource};
 pub use evidence::Evidence;
-pub use iteration::IterationReport;
 pub use prediction::{AugmentationReport, Component};
-pub use refinement::Refinement;
+pub use refinement::{IterationReport, Refinement, StageSeconds};

@@ -15,7 +15,6 @@ fn anew(place: &Place, arguments: &str) -> bool {
     place.run(arguments).contains("computed again")
 }
 
-/// The mean error of a method.
 fn abs_rel(place: &Place, method: &str) -> f64 {
     let summary = place.json("e/summary.json");
     let mut methods = summary["summary"]["methods"].as_array().unwrap().iter();

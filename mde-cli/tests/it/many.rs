@@ -25,7 +25,6 @@ fn place(count: usize) -> Place {
     place
 }
 
-/// The folders of finished photographs.
 fn folders(place: &Place, out: &str) -> Vec<String> {
     let mut folders = names(&place.path(out));
     folders.retain(|name| !name.starts_with('.') && place.path(out).join(name).is_dir());

@@ -15,9 +15,7 @@ use mde_prior::{DepthKind, DepthPrior};
 use ndarray::Array2;
 use std::path::Path;
 
-/// The room of every demo.
 const ROOM: Room = Room::Study;
-/// Photographs that are refined with.
 const USED: usize = 5;
 /// With one more, which only the report shows beside what the field renders.
 const VIEWS: usize = USED + 1;

@@ -12,10 +12,8 @@ use mde_eval::table::Summary;
 use mde_uncertainty::calibration::{Calibration, CalibrationSource};
 use serde_json::json;
 
-/// The calibration file in the folder of the evaluation.
 const CALIBRATION: &str = "calibration.toml";
 
-/// `mde eval`.
 pub(super) fn eval(args: &EvalArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let methods = Method::parse_list(&args.methods, args.seed)?;
@@ -36,7 +34,6 @@ pub(super) fn eval(args: &EvalArgs) -> Result<()> {
     results::finish(evaluation.results(PRIOR, entries, failures), &evaluation.store, &mut progress)
 }
 
-/// `mde ablate`.
 pub(super) fn ablate(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let base = overridden(args.preset, &args.config)?;
@@ -88,7 +85,6 @@ fn variants(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
     Ok(methods)
 }
 
-/// `mde calibrate`.
 pub(super) fn calibrate(args: &CalibrateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let methods = Method::parse_list(std::slice::from_ref(&args.method), None)?;

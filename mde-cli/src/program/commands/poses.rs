@@ -65,7 +65,6 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     Ok(())
 }
 
-/// One row per photograph.
 fn table(report: &CaptureReport) -> Table {
     let heads = ["photograph", "verdict", "rotation, degrees", "baseline / depth", "matches"];
     let rows = report.photographs.iter().map(|photograph| {

@@ -9,7 +9,6 @@ use crate::refiner::Refiner;
 use crate::scene::KnownDepths;
 use anyhow::{Result, ensure};
 
-/// `mde refine`.
 pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     if photographs::are_many(&args.photographs()) || args.shard.is_some() {
@@ -49,7 +48,6 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     unused.map_or(Ok(()), |reason| Err(Partial::Views { reason, folder }.into()))
 }
 
-/// `mde dense`.
 pub(super) fn dense(args: &DenseArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     ensure!(

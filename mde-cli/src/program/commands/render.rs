@@ -86,7 +86,6 @@ fn poses(args: &RenderArgs, field: &Nerf, camera: &PinholeCamera) -> Result<Vec<
     }
 }
 
-/// The field's median depth as seen from the original camera.
 fn middle(field: &Nerf, camera: &PinholeCamera) -> Result<f64> {
     let height = (PROBE * camera.height).div_ceil(camera.width).clamp(1, 4 * PROBE);
     let mut listen = |_: &FieldEvent| interrupt::flow();

@@ -13,7 +13,6 @@ use mde_eval::table::{Entry, Failure};
 use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::json;
 
-/// The name of the maps in the tables.
 const MAPS: &str = "maps";
 
 pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {

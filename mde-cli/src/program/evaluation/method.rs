@@ -123,7 +123,6 @@ impl Method {
         }
     }
 
-    /// Whether it refines several photographs.
     pub(crate) fn is_of_photographs(&self) -> bool {
         matches!(self.kind, Kind::Loop { several: true, .. })
     }

@@ -45,7 +45,6 @@ pub(crate) struct Request<'a> {
     pub(crate) methods: &'a [Method],
     /// Whether the methods of a scene share fields of equal settings and views, and are scored without controls.
     pub(crate) share_fields: bool,
-    /// Only this part of the scenes.
     pub(crate) shard: Option<Shard>,
     pub(crate) several: CaptureArgs,
     pub(crate) pixels: PixelArgs,
@@ -122,7 +121,6 @@ impl<'a> Evaluation<'a> {
         Ok((entries, failures))
     }
 
-    /// The results, compared with `reference`.
     pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
         Results {
             title: format!("{} with {}", self.source.title, self.prior.title),

@@ -14,7 +14,6 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 
-/// The file of the tables.
 const TABLE: &str = "table.md";
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;

@@ -73,7 +73,6 @@ impl Source {
     }
 }
 
-/// The priors of an evaluation.
 pub(crate) struct Priors {
     pub(crate) form: Form,
     pub(crate) title: String,

@@ -19,7 +19,6 @@ const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 /// Changes with the definition of a score, so that kept scores are computed again.
 const DEFINITIONS: u32 = 3;
 
-/// How maps are scored.
 pub(crate) struct Scoring {
     /// Settings; the data set may replace the largest depth.
     pub(crate) config: ScoreConfig,

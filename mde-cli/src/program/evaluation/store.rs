@@ -23,7 +23,6 @@ const RECORD: &str = "method.json";
 const DEPTH: &str = "depth.npy";
 const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
-/// The folder of the scenes' folders.
 const SCENES: &str = "scenes";
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.

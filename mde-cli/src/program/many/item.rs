@@ -22,16 +22,13 @@ use std::time::Instant;
 
 /// Photograph, depth and sigma, small.
 pub(super) const THUMBNAIL: &str = "thumbnail.png";
-/// Height of a thumbnail, pixels.
 const HEIGHT: usize = 120;
 /// Photographs that are prepared for one scale, and then compared, side by side.
 const CHUNK: usize = 16;
 
-/// A photograph and the name of its folder.
 pub(super) struct Item {
     pub(super) path: PathBuf,
     pub(super) folder: String,
-    /// The factor of `--same-scale`.
     pub(super) same_scale: Option<SameScale>,
 }
 

@@ -135,16 +135,13 @@ const INDEX_SHARE: u32 = 50;
 
 struct State<'p> {
     progress: &'p mut Progress,
-    /// Number of the photographs.
     all: usize,
-    /// By the index of the photograph.
     rows: BTreeMap<usize, PhotographRow>,
     /// Photographs that were not finished before.
     refined: usize,
     start: Instant,
     /// The folder of the index, which a shard does not write.
     index: Option<&'p Path>,
-    /// When the index is written next.
     due: Instant,
 }
 
@@ -173,7 +170,6 @@ impl State<'_> {
         }
     }
 
-    /// Writes the index of the photographs so far.
     fn save(&mut self) -> Result<()> {
         let start = Instant::now();
         let rows: Vec<&PhotographRow> = self.rows.values().collect();

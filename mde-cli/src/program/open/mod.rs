@@ -80,7 +80,6 @@ pub(crate) fn camera(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2
     Ok(KnownCamera::new(&given_camera(args), focal_35mm, size)?)
 }
 
-/// What is given of a camera.
 pub(crate) fn given_camera(args: &CameraArgs) -> GivenCamera {
     match (&args.intrinsics, args.fx, args.fov) {
         (Some(path), ..) => GivenCamera::File(path.clone()),

@@ -9,15 +9,12 @@ use std::fs::DirEntry;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Extensions of photographs within a folder.
 const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 /// Those that are not read, and named instead of passed over.
 const UNREAD: [&str; 2] = ["heic", "heif"];
-/// Standard input.
 const STDIN: &str = "-";
 const LIST: &str = "txt";
 
-/// The bytes of a photograph.
 pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
     ensure!(path.exists(), "no such photograph; check the path");
     open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
@@ -119,7 +116,6 @@ pub(crate) fn existing(flag: &str, named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether it is a file with the extension of a photograph.
 fn is_photograph(path: &Path) -> bool {
     let extension = path.extension().and_then(OsStr::to_str);
     let extension = extension.map(str::to_ascii_lowercase);

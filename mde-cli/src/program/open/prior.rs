@@ -18,7 +18,6 @@ pub(crate) fn open(args: &PriorArgs, several: bool) -> Result<OpenPrior<'static>
     }
 }
 
-/// A depth map.
 pub(crate) fn map(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
     let options = read_options("--png-scale", args.png_scale)?;
     Ok(OpenPrior::map_file(path, args.prior_kind, options)?)

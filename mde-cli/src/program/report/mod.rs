@@ -19,7 +19,6 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The page's name in its folder.
 pub(crate) const FILE: &str = "report.html";
 
 /// The page of all photographs of a capture.

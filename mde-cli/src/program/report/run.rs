@@ -18,7 +18,6 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// What the files are, in the order of the page's list.
 const FILES: [(&str, &str); 20] = [
     ("depth.npy", "refined depth, 32-bit floats"),
     ("sigma.npy", "its standard deviation, same unit"),

@@ -15,7 +15,6 @@ pub(crate) const ENTRY: &str = "finished.json";
 /// Begins the name of what is not finished.
 const PREFIX: &str = ".mde-";
 
-/// The folder of the results.
 #[derive(Debug)]
 pub(crate) struct OutputFolder {
     target: PathBuf,

@@ -7,7 +7,6 @@ use crate::config::{Config, NovelViews, RefinementConfig};
 use mde_mvs::consensus::sweeps_bytes;
 use mde_nerf::RenderConfig;
 
-/// Bytes of a mebibyte.
 const MIB: f64 = (1 << 20) as f64;
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: f64 = 64.0 * MIB;
@@ -51,12 +50,10 @@ pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config)
     (BASE + pixels as f64 * pixel + sweeps.max(fit)) as u64
 }
 
-/// Bytes per pixel of a refinement.
 fn pixel_bytes(config: &Config) -> f64 {
     PIXEL + VIEW * (config.views.count as f64 + 1.0) + RENDERED * rendered(config)
 }
 
-/// Views that a field renders.
 fn rendered(config: &Config) -> f64 {
     config.novel.count.max(1) as f64
 }
