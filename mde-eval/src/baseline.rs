@@ -27,8 +27,7 @@ pub use weighted_median::weighted_median;
 use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-/// Names of the baselines. Others are `zoom30`, as many grids of [`ZoomMerge`] as 30 predictions allow, and `unsharp1.5`, with any
-/// number after the name.
+/// Names of the baselines. Others: `zoom30`, the grids of [`ZoomMerge`] that 30 predictions allow; `unsharp1.5`, with any number.
 pub const METHODS: &[&str] = &[
     "prior",
     "flip",

@@ -99,8 +99,7 @@ impl Sample {
     /// The reference of a capture with its truth, and the further photographs.
     ///
     /// # Errors
-    /// [`Error::Scene`] without photographs, [`Error::Shape`] where the truth has another size than the
-    /// reference.
+    /// [`Error::Scene`] without photographs, [`Error::Shape`] where truth and reference differ in size.
     pub fn of_capture(capture: Capture) -> Result<Self> {
         let Capture { id, views, truth: depth, trusted_depth } = capture.rebased();
         let mut views = views.into_iter();

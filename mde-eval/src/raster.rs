@@ -1,5 +1,4 @@
-//! Image operators of the metrics on maps: masks, gradients, Canny edges, distance
-//! transforms, dilation, superpixels.
+//! Image operators of the metrics: masks, gradients and their ridges, distance transforms, dilation.
 
 mod distance;
 mod gradient;

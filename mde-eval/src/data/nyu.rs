@@ -104,8 +104,7 @@ fn starts_with(path: &Path, prefix: &str) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(prefix))
 }
 
-/// The pairs of a folder, by the first number in the files' names. Pictures without a depth map, and the other way round, are left
-/// out.
+/// The pairs of a folder, by the first number in the files' names; what has no counterpart is left out.
 fn pairs_of(folder: &Path) -> Result<Vec<Pair>> {
     let (images, depths): (Vec<PathBuf>, Vec<PathBuf>) =
         match colour_folder(folder).filter(|_| Nyu::is_side_by_side(folder)) {

@@ -7,6 +7,7 @@ use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::{image_size, read_image};
 use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::median;
 use nalgebra::Point2;
 use ndarray::{Array2, ArrayView2};
 use serde::Deserialize;
@@ -102,20 +103,19 @@ impl Posed {
         let frames = read.frames.len();
         let reference = description.reference;
         let further = description.extra_views.unwrap_or_else(|| (0..frames).collect());
-        let mut order = vec![reference];
-        order.extend(further.into_iter().filter(|frame| *frame != reference));
-        let mut views = Vec::with_capacity(order.len());
-        for index in order {
+        let order = std::iter::once(reference).chain(further.into_iter().filter(|frame| *frame != reference));
+        let view = |index: usize| {
             let frame = read.frames.get(index).ok_or_else(|| {
                 fault(format!("has {frames} frames, but scene.json names frame {index}, counted from 0"))
             })?;
             let view = frame.view(read_image(&frame.photograph)?.pixels.view())?;
-            views.push(CapturedView { view, prior: None, true_pose: None });
-        }
+            Ok(CapturedView { view, prior: None, true_pose: None })
+        };
+        let views = order.map(view).collect::<Result<Vec<_>>>()?;
         let lens = read.frames[reference].lens;
         let file = depths.frames.get(reference).and_then(|frame| frame.depth_file_path.as_ref());
-        let file = file
-            .ok_or_else(|| fault(format!("names no depth_file_path for frame {reference}, the reference")))?;
+        let unnamed = || fault(format!("names no depth_file_path for frame {reference}, the reference"));
+        let file = file.ok_or_else(unnamed)?;
         let units = depths.depth_units_per_metre.unwrap_or(1000.0);
         if !(units > 0.0 && units.is_finite()) {
             return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
@@ -126,8 +126,7 @@ impl Posed {
         let (height, width) = lens.camera.dim();
         same_size(&depth_path, depth.dim(), (height, width, 3))?;
         let truth = undistorted(depth.view(), &lens);
-        let middle =
-            mde_uncertainty::statistics::median(truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        let middle = median(truth.iter().copied().filter(|z| *z > 0.0));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
         let id = id.to_owned();
@@ -149,8 +148,7 @@ fn describe(scene: &Path) -> Result<Description> {
     }
 }
 
-/// The depth of the nearest pixel of the photograph at each pixel of the pinhole camera, which has the same axes; 0 where
-/// there is none.
+/// The depth of the photograph's nearest pixel at each pixel of the pinhole camera, which has the same axes; 0 without one.
 fn undistorted(depth: ArrayView2<'_, f32>, lens: &Lens) -> Array2<f32> {
     if lens.distortion.is_none() {
         return depth.to_owned();

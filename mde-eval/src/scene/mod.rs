@@ -105,8 +105,7 @@ impl World {
         Ok(PinholeCamera::from_fov(self.setting.field_of_view, width, height)?)
     }
 
-    /// An image with its depth. The world is the frame of the room's own camera: the identity pose (world to camera) is its
-    /// view.
+    /// An image with its depth. The world is the frame of the room's own camera, whose pose (world to camera) is the identity.
     pub fn render(&self, camera: &PinholeCamera, pose: &Pose) -> Scene {
         let image = self.image(camera, &self.setting.eye.moved(pose));
         Scene { image, depth: self.depth(camera, pose), camera: *camera }

@@ -1,5 +1,4 @@
-//! Light and colour. Depth comes from a ray through each pixel's centre; colour is averaged over a grid of rays, so that
-//! the depth is exact and the image smooth.
+//! Light and colour: the mean over a grid of rays in each pixel, so that the image is smooth.
 
 use super::World;
 use super::noise::lattice;

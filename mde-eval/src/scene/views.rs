@@ -74,8 +74,7 @@ impl World {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Config`] for a field at fault, and for a baseline for which the room has no space; [`Error::Camera`] for an
-    /// empty image.
+    /// [`Error::Config`] for a field at fault or a baseline that the room has no space for; [`Error::Camera`] for an empty image.
     pub fn capture(&self, id: &str, config: &CaptureConfig, width: usize, height: usize) -> Result<Capture> {
         config.validate()?;
         let camera = self.camera(width, height)?;

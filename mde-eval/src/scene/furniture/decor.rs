@@ -4,8 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
 /// A framed picture on the wall y = 0, centred on the stand.
-pub(crate) fn picture(stage: &mut Stage, stand: &Stand, size: [f64; 2], frame: Material) {
-    let [width, height] = size;
+pub(crate) fn picture(stage: &mut Stage, stand: &Stand, [width, height]: [f64; 2], frame: Material) {
     let seed = stage.between(0.0, 10.0);
     let mat = Material::plain(0.93, 0.92, 0.88);
     stage.block(stand, [0.0, -0.008, 0.0], [width, 0.012, height], mat);
@@ -77,8 +76,7 @@ pub(crate) fn plant(stage: &mut Stage, stand: &Stand, height: f64, leaves: usize
 }
 
 pub(crate) fn rug(stage: &mut Stage, stand: &Stand, size: [f64; 2], colours: [Colour; 3]) {
-    let [ground, figure, border] = colours;
-    let pile = Material::new(Texture::Rug([ground, figure, border]));
+    let pile = Material::new(Texture::Rug(colours));
     stage.block(stand, [0.0, 0.0, 0.005], [size[0], size[1], 0.01], pile);
 }
 

@@ -35,12 +35,12 @@ pub(crate) fn book_row(stage: &mut Stage, stand: &Stand, length: f64, tallest: f
 pub(crate) fn bookcase(
     stage: &mut Stage,
     stand: &Stand,
-    size: [f64; 2],
+    [width, height]: [f64; 2],
     shelves: usize,
     material: Material,
     backed: bool,
 ) {
-    let ([width, height], depth, board) = (size, 0.28, 0.02);
+    let (depth, board) = (0.28, 0.02);
     for side in [-1.0, 1.0] {
         let x = side * 0.5 * (width - board);
         stage.block(stand, [x, 0.0, 0.5 * height], [board, depth, height], material);
@@ -100,12 +100,10 @@ pub(crate) fn wall_shelf(stage: &mut Stage, stand: &Stand, width: f64, material:
 pub(crate) fn cabinet(
     stage: &mut Stage,
     stand: &Stand,
-    size: [f64; 3],
-    fronts: [usize; 2],
+    [width, depth, height]: [f64; 3],
+    [columns, rows]: [usize; 2],
     material: Material,
 ) {
-    let [width, depth, height] = size;
-    let [columns, rows] = fronts;
     let body = enamel(0.2, 0.19, 0.18);
     stage.block(stand, [0.0, -0.5 * depth, 0.5 * height], [width, depth - 0.02, height], body);
     let (wide, tall) = (width / columns as f64, height / rows as f64);

@@ -3,10 +3,9 @@ use super::*;
 pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth, height) = (4.6, 4.7, 2.6);
     let paper = s.about([0.72, 0.70, 0.76], 0.06);
-    let paint = s.about([0.84, 0.81, 0.78], 0.04);
+    let walls = Material::new(Texture::Plaster(s.about([0.84, 0.81, 0.78], 0.04)));
     let floor =
         Material::new(Texture::Planks([rgb(0.62, 0.46, 0.32), rgb(0.40, 0.27, 0.17)], 0.11)).gloss(0.08);
-    let walls = Material::new(Texture::Plaster(paint));
     let back = Material::new(Texture::Stripes([paper, paper * 0.82], 0.14));
     let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94)));
     Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
