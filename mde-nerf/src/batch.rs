@@ -72,17 +72,12 @@ impl<'v> Pixels<'v> {
         let (row, column) = (pixel as usize / posed.camera.width, pixel as usize % posed.camera.width);
         let known =
             posed.hypotheses.iter().filter_map(|h| h.get(row, column)).filter(|&(mean, _)| mean > 0.0);
-        let depths: Vec<_> = known.map(|(mean, variance)| (mean.into(), variance.into())).collect();
+        let depths: Vec<(f64, f64)> = known.map(|(mean, variance)| (mean.into(), variance.into())).collect();
         let ray = Ray::new(&posed.camera, &posed.pose, column as f64, row as f64);
-        let march = March {
-            ray,
-            interval: self.frustum.interval(&ray, self.nearest[view]),
-            guess: depths.first().map(|d| d.0),
-            background,
-            rng,
-        };
+        let interval = self.frustum.interval(&ray, self.nearest[view]);
+        let guess = depths.first().map(|d| d.0);
         let colour = std::array::from_fn(|axis| f64::from(posed.image[(row, column, axis)]));
-        (march, Target { colour, depths })
+        (March { ray, interval, guess, background, rng }, Target { colour, depths })
     }
 }
 
@@ -118,12 +113,15 @@ mod tests {
         PosedView::new(image, camera, Pose::identity(), mask, Vec::new()).unwrap()
     }
 
+    fn depths_1_to_4(volume: VolumeConfig) -> SamplingConfig {
+        SamplingConfig { near: Some(1.0), far: Some(4.0), volume, ..SamplingConfig::default() }
+    }
+
     #[test]
     fn rays_are_drawn_from_valid_pixels_and_view_0_gets_its_share() {
         let views = [view(0.0), view(0.5), view(1.0)];
         let config = TrainConfig { original_share: 0.4, ..TrainConfig::default() };
-        let sampling = SamplingConfig { near: Some(1.0), far: Some(4.0), ..SamplingConfig::default() };
-        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let frustum = Frustum::of_views(&views, &depths_1_to_4(VolumeConfig::Hull)).unwrap();
         let pixels = Pixels::new(&views, &frustum, &config).unwrap();
         let mut counts = [0; 3];
         let draws = 5000;
@@ -158,13 +156,7 @@ mod tests {
             at(aside, 9.0),
             at(Pose::identity(), 9.0),
         ];
-        let sampling = SamplingConfig {
-            near: Some(1.0),
-            far: Some(4.0),
-            volume: VolumeConfig::Reference,
-            ..SamplingConfig::default()
-        };
-        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let frustum = Frustum::of_views(&views, &depths_1_to_4(VolumeConfig::Reference)).unwrap();
         let pixels = Pixels::new(&views, &frustum, &TrainConfig::default()).unwrap();
         let valid = views[0].mask.iter().filter(|valid| **valid).count();
         let counts: Vec<usize> = pixels.trainable.iter().map(Vec::len).collect();

@@ -282,13 +282,9 @@ fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64,
 
 /// The known positive depths of all hypotheses of a view, sorted.
 fn known_depths(view: &PosedView) -> Vec<f32> {
-    let mut depths: Vec<f32> = view
-        .hypotheses
-        .iter()
-        .flat_map(|h| h.mean().into_iter().copied().zip(h.variance().into_iter().copied()))
-        .filter(|&(mean, variance)| variance.is_finite() && mean > 0.0)
-        .map(|(mean, _)| mean)
-        .collect();
+    let pixels = view.hypotheses.iter().flat_map(|h| h.mean().into_iter().zip(h.variance()));
+    let known = pixels.filter(|(mean, variance)| variance.is_finite() && **mean > 0.0);
+    let mut depths: Vec<f32> = known.map(|(mean, _)| *mean).collect();
     depths.sort_unstable_by(f32::total_cmp);
     depths
 }

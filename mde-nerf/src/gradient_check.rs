@@ -43,49 +43,35 @@ fn camera() -> PinholeCamera {
 }
 
 fn pose() -> Pose {
-    Pose::from_parts(
-        Translation3::new(0.03, -0.02, 0.01),
-        UnitQuaternion::from_euler_angles(0.01, -0.02, 0.015),
-    )
+    let turn = UnitQuaternion::from_euler_angles(0.01, -0.02, 0.015);
+    Pose::from_parts(Translation3::new(0.03, -0.02, 0.01), turn)
 }
 
 impl Case {
     fn new(losses: Losses, volume: VolumeConfig) -> Self {
         let depth = Array2::from_shape_fn((6, 8), |(y, x)| 1.5 + 0.2 * x as f32 + 0.1 * y as f32);
         let hypothesis = GaussianDepth::new(depth, Array2::from_elem((6, 8), 1e-3)).unwrap();
-        let view = PosedView::new(
-            Array3::from_elem((6, 8, 3), 0.5),
-            camera(),
-            Pose::identity(),
-            Array2::from_elem((6, 8), true),
-            vec![hypothesis],
-        )
-        .unwrap();
+        let (image, mask) = (Array3::from_elem((6, 8, 3), 0.5), Array2::from_elem((6, 8), true));
+        let view = PosedView::new(image, camera(), Pose::identity(), mask, vec![hypothesis]).unwrap();
         let sampling = SamplingConfig { volume, ..SamplingConfig::default() };
         let frustum = Frustum::of_views(&[view], &sampling).unwrap();
-        let targets = (0..RAYS)
-            .map(|i| Target {
-                colour: [0.2, 0.5, 0.1 * i as f64],
-                depths: vec![(1.9 + 0.13 * i as f64, 1e-5), (2.3 - 0.07 * i as f64, 2e-2)],
-            })
-            .collect();
+        let target = |i: f64| Target {
+            colour: [0.2, 0.5, 0.1 * i],
+            depths: vec![(1.9 + 0.13 * i, 1e-5), (2.3 - 0.07 * i, 2e-2)],
+        };
+        let targets = (0..RAYS).map(|i| target(i as f64)).collect();
         let budget = Budget { coarse: 7, band: 0, fine: 0, in_bin: InBinVariance::Midpoint };
         Self { frustum, targets, budget, losses }
     }
 
     fn rays(&self, pose: &Pose) -> Vec<March> {
-        (0..RAYS)
-            .map(|i| {
-                let ray = Ray::new(&camera(), pose, 1.0 + i as f64, 0.7 * i as f64);
-                March {
-                    ray,
-                    interval: self.frustum.interval(&ray, 0.0),
-                    guess: None,
-                    background: BACKGROUND,
-                    rng: Some(CounterRng::new(11, "gradient-check", 0, i as u64)),
-                }
-            })
-            .collect()
+        let march = |i: usize| {
+            let ray = Ray::new(&camera(), pose, 1.0 + i as f64, 0.7 * i as f64);
+            let interval = self.frustum.interval(&ray, 0.0);
+            let rng = Some(CounterRng::new(11, "gradient-check", 0, i as u64));
+            March { ray, interval, guess: None, background: BACKGROUND, rng }
+        };
+        (0..RAYS).map(march).collect()
     }
 
     /// The loss by the function that training uses, with its gradients.
@@ -150,11 +136,9 @@ impl Case {
             };
             target.depths.iter().map(logistic).sum::<f64>() / target.depths.len() as f64
         };
-        let mut edges: Vec<f64> = vec![r(interval.near)];
-        edges.extend(bins.disparity.iter().map(|d| d.to_f64()));
-        edges.push(0.0);
-        let mut ended = T::ZERO;
-        let mut integral = T::ZERO;
+        let samples: Vec<f64> = bins.disparity.iter().map(|d| d.to_f64()).collect();
+        let edges = [vec![r(interval.near)], samples, vec![0.0]].concat();
+        let (mut ended, mut integral) = (T::ZERO, T::ZERO);
         for (index, edge) in edges.windows(2).enumerate() {
             if index > 0 {
                 ended += rendered.weights[index - 1];

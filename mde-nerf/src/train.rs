@@ -26,6 +26,7 @@ const REPORT_EVERY: usize = 20;
 const PSNR_PIXELS: usize = 2048;
 
 /// A group's working memory.
+#[derive(Default)]
 struct Group {
     marcher: Marcher<f32>,
     gradients: Gradients<f32>,
@@ -98,13 +99,8 @@ impl<'a> Trainer<'a> {
         config: &'a NerfConfig,
         seed: u64,
     ) -> Self {
-        let group = || Group {
-            marcher: Marcher::default(),
-            gradients: network.gradients(),
-            loss: RayLoss::default(),
-            samples: 0,
-        };
-        let groups = (0..GROUPS).map(|_| group()).collect();
+        let group = |_| Group { gradients: network.gradients(), ..Group::default() };
+        let groups = (0..GROUPS).map(group).collect();
         let table = network.grid().map(HashGrid::moments).unwrap_or_default();
         let moments = [table, Moments::new(network.mlp.parameters.len(), 1)];
         let (budget, scratch) = (config.training_budget(), Mutex::default());

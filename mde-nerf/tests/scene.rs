@@ -45,11 +45,8 @@ fn view(pose: Pose, hypothesis: bool) -> PosedView {
             image[(row, column, channel)] = c;
         }
     }
-    let hypotheses = if hypothesis {
-        vec![GaussianDepth::new(depth, Array2::from_elem((HEIGHT, WIDTH), 1e-4)).unwrap()]
-    } else {
-        vec![]
-    };
+    let known = || GaussianDepth::new(depth, Array2::from_elem((HEIGHT, WIDTH), 1e-4)).unwrap();
+    let hypotheses = hypothesis.then(known).into_iter().collect();
     PosedView::new(image, camera, pose, Array2::from_elem((HEIGHT, WIDTH), true), hypotheses).unwrap()
 }
 
@@ -85,7 +82,7 @@ fn mlp() -> NerfConfig {
 /// Fits, renders the original pose and returns PSNR in dB and the median relative depth error.
 fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
     let mut field = Nerf::new(config, 1).unwrap();
-    field.fit(views, &mut Silent).unwrap();
+    assert_eq!(field.fit(views, &mut Silent).unwrap().psnr.len(), views.len());
     let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
     let error = (&seen.image - &views[0].image).mapv(|e| f64::from(e * e)).mean().unwrap();
     let depths = views[0].hypotheses[0].mean().into_iter().zip(seen.depth.mean());
@@ -107,27 +104,25 @@ fn parallax_alone_teaches_a_field_colour_and_depth() {
 /// Photographs from far apart, some of which look past the volume, with hypotheses of 4 % noise: colours sharpen them.
 #[test]
 fn photographs_from_far_apart_refine_noisy_hypotheses() {
+    let turned = |[x, y, z]: [f64; 3], [roll, pitch, yaw]: [f64; 3]| {
+        Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+    };
     let poses = [
         Pose::identity(),
         Pose::translation(-0.6, 0.0, 0.0),
         Pose::translation(0.5, 0.2, 0.0),
-        Pose::from_parts(
-            Translation3::new(0.3, -0.4, -0.5),
-            UnitQuaternion::from_euler_angles(0.05, 0.15, 0.02),
-        ),
-        Pose::from_parts(Translation3::new(0.0, 0.3, 0.8), UnitQuaternion::from_euler_angles(-0.1, 0.1, 0.0)),
+        turned([0.3, -0.4, -0.5], [0.05, 0.15, 0.02]),
+        turned([0.0, 0.3, 0.8], [-0.1, 0.1, 0.0]),
     ];
     let mut exact = Vec::new();
     let mut views = Vec::new();
     for (index, pose) in poses.into_iter().enumerate() {
         let mut view = view(pose, true);
         let mut rng = CounterRng::new(5, "noise", index as u64, 0);
-        exact.push(view.hypotheses[0].mean().to_owned());
-        let noisy = view.hypotheses[0]
-            .mean()
-            .mapv(|z| z * (1.0 + 0.08 * (rng.random::<f32>() + rng.random::<f32>() - 1.0)));
-        view.hypotheses =
-            vec![GaussianDepth::new(noisy, exact[index].mapv(|z| (0.033 * z).powi(2))).unwrap()];
+        let depth = view.hypotheses[0].mean().to_owned();
+        let noisy = depth.mapv(|z| z * (1.0 + 0.08 * (rng.random::<f32>() + rng.random::<f32>() - 1.0)));
+        view.hypotheses = vec![GaussianDepth::new(noisy, depth.mapv(|z| (0.033 * z).powi(2))).unwrap()];
+        exact.push(depth);
         views.push(view);
     }
     let mut config = NerfConfig::photographs(WIDTH);

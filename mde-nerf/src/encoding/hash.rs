@@ -109,10 +109,10 @@ impl HashLayout {
     ) {
         let level = &self.levels[level];
         match self.features {
-            1 => level.scatter::<T, 1, 2>(points, d_features, gradient),
-            2 => level.scatter::<T, 2, 4>(points, d_features, gradient),
-            4 => level.scatter::<T, 4, 8>(points, d_features, gradient),
-            _ => level.scatter::<T, 8, 16>(points, d_features, gradient),
+            1 => level.scatter::<T, 1>(points, d_features, gradient),
+            2 => level.scatter::<T, 2>(points, d_features, gradient),
+            4 => level.scatter::<T, 4>(points, d_features, gradient),
+            _ => level.scatter::<T, 8>(points, d_features, gradient),
         }
     }
 }
@@ -136,20 +136,14 @@ impl<T: Scalar> HashGrid<T> {
     /// Per level the trilinear mean of the cell's eight corner rows.
     pub(crate) fn forward(&self, points: &Points<T>, features: &mut [T], stride: usize) {
         match self.layout.features {
-            1 => self.gather::<1, 2>(points, features, stride),
-            2 => self.gather::<2, 4>(points, features, stride),
-            4 => self.gather::<4, 8>(points, features, stride),
-            _ => self.gather::<8, 16>(points, features, stride),
+            1 => self.gather::<1>(points, features, stride),
+            2 => self.gather::<2>(points, features, stride),
+            4 => self.gather::<4>(points, features, stride),
+            _ => self.gather::<8>(points, features, stride),
         }
     }
 
-    /// `PAIR` is `2 F`: the features of both ends of an edge.
-    fn gather<const F: usize, const PAIR: usize>(
-        &self,
-        points: &Points<T>,
-        features: &mut [T],
-        stride: usize,
-    ) {
+    fn gather<const F: usize>(&self, points: &Points<T>, features: &mut [T], stride: usize) {
         T::vectorized(
             #[inline(always)]
             || {
@@ -159,17 +153,18 @@ impl<T: Scalar> HashGrid<T> {
                     for (block, out) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
                         let cells = level.cells(block);
                         for (lane, out) in out.chunks_exact_mut(stride).enumerate() {
-                            let mut sum = [T::ZERO; PAIR];
+                            // Of both ends of an edge.
+                            let mut sums = [[T::ZERO; F]; 2];
                             for corner in 0..4 {
                                 let weight = cells.weights[corner][lane];
-                                let row = cells.rows[corner][lane] as usize * F;
-                                for (sum, &x) in sum.iter_mut().zip(&table[row..row + PAIR]) {
+                                let rows = &table[cells.rows[corner][lane] as usize * F..][..2 * F];
+                                for (sum, &x) in sums.as_flattened_mut().iter_mut().zip(rows) {
                                     *sum = weight.mul_add(x, *sum);
                                 }
                             }
                             let depth = cells.depth[lane];
-                            let (near, far) = sum.split_at(F);
-                            for ((out, &near), &far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
+                            let [near, far] = sums;
+                            for ((out, near), far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
                                 *out = depth.mul_add(far - near, near);
                             }
                         }
@@ -181,12 +176,7 @@ impl<T: Scalar> HashGrid<T> {
 }
 
 impl Level {
-    fn scatter<T: Scalar, const F: usize, const PAIR: usize>(
-        &self,
-        points: &Points<T>,
-        d_features: &[T],
-        gradient: &mut [T],
-    ) {
+    fn scatter<T: Scalar, const F: usize>(&self, points: &Points<T>, d_features: &[T], gradient: &mut [T]) {
         T::vectorized(
             #[inline(always)]
             || {
@@ -198,15 +188,12 @@ impl Level {
                             continue;
                         }
                         let depth = cells.depth[lane];
-                        let mut edge = [T::ZERO; PAIR];
-                        for f in 0..F {
-                            edge[F + f] = depth * d[f];
-                            edge[f] = d[f] - edge[F + f];
-                        }
+                        let far = d.map(|d| depth * d);
+                        let edge: [[T; F]; 2] = [std::array::from_fn(|f| d[f] - far[f]), far];
                         for corner in 0..4 {
                             let weight = cells.weights[corner][lane];
-                            let row = cells.rows[corner][lane] as usize * F;
-                            for (sum, &d) in gradient[row..row + PAIR].iter_mut().zip(&edge) {
+                            let rows = &mut gradient[cells.rows[corner][lane] as usize * F..][..2 * F];
+                            for (sum, &d) in rows.iter_mut().zip(edge.as_flattened()) {
                                 *sum = weight.mul_add(d, *sum);
                             }
                         }
