@@ -35,8 +35,8 @@ pub fn depth_variance(
             return 0.0;
         }
         let point = reference.camera.ray(Point2::new(x as f64, y as f64)) * z;
-        let seen: Vec<_> =
-            others.iter().zip(&motions).map(|(view, motion)| derivative(view, motion, &point)).collect();
+        let pairs = others.iter().zip(&motions);
+        let seen: Vec<_> = pairs.map(|(view, motion)| derivative(view, motion, &point)).collect();
         let information: f64 = seen.iter().flatten().map(|(slope, _)| slope).sum();
         if information <= 0.0 {
             return 0.0;
@@ -191,8 +191,8 @@ mod tests {
     /// Two photographs that move together do not move against each other.
     #[test]
     fn a_relative_covariance_has_both_poses() {
-        let (first, second) =
-            (pose_at([0.1, 0.0, 0.0], [0.1, 0.2, 0.0]), pose_at([0.3, 0.1, 0.2], [0.0, -0.1, 0.3]));
+        let first = pose_at([0.1, 0.0, 0.0], [0.1, 0.2, 0.0]);
+        let second = pose_at([0.3, 0.1, 0.2], [0.0, -0.1, 0.3]);
         let motion = second * first.inverse();
         let by = Vector6::new(0.3, -0.2, 0.1, 0.2, 0.4, -0.3) * 1e-6;
         let moved = second * (exp(&by) * first).inverse();

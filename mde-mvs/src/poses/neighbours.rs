@@ -27,8 +27,8 @@ pub fn nearest(poses: &[Pose], photograph: usize) -> Vec<usize> {
     let axis = |pose: &Pose| pose.inverse().rotation * Vector3::z();
     let (here, own) = (centre(&poses[photograph]), axis(&poses[photograph]));
     let distance = |other: usize| (centre(&poses[other]) - here).norm();
-    let mut others: Vec<(f64, usize)> =
-        (0..poses.len()).filter(|&i| i != photograph).map(|i| (distance(i), i)).collect();
+    let others = (0..poses.len()).filter(|&other| other != photograph);
+    let mut others: Vec<(f64, usize)> = others.map(|other| (distance(other), other)).collect();
     others.sort_by(|a, b| a.0.total_cmp(&b.0));
     let looks_there = |&&(_, i): &&(f64, usize)| axis(&poses[i]).dot(&own) >= MOST_TURNED.to_radians().cos();
     let same: Vec<usize> = others.iter().filter(looks_there).map(|(_, i)| *i).collect();
@@ -61,10 +61,8 @@ pub(super) fn likely(features: &[&Features]) -> Vec<[usize; 2]> {
         return all(count);
     }
     let coarsest: Vec<Features> = features.par_iter().map(|features| features.coarsest(PREVIEW)).collect();
-    let matches: BTreeMap<[usize; 2], usize> = all(count)
-        .into_par_iter()
-        .map(|[i, j]| ([i, j], match_features(&coarsest[i], &coarsest[j]).len()))
-        .collect();
+    let matches = |pair @ [i, j]: [usize; 2]| (pair, match_features(&coarsest[i], &coarsest[j]).len());
+    let matches: BTreeMap<[usize; 2], usize> = all(count).into_par_iter().map(matches).collect();
     let mut pairs = BTreeSet::new();
     for photograph in 0..count {
         let mut others: Vec<usize> = (0..count).filter(|&other| other != photograph).collect();
@@ -124,8 +122,7 @@ mod tests {
     fn photographs_without_poses_are_compared_with_those_that_show_the_same() {
         let count = 40;
         let place = |i: usize| i * 17 % count;
-        let ring: Vec<Features> =
-            (0..count).map(|i| photograph(6 * place(i)..6 * place(i) + 30, i)).collect();
+        let ring: Vec<_> = (0..count).map(|i| photograph(6 * place(i)..6 * place(i) + 30, i)).collect();
         let pairs = likely(&ring.iter().collect::<Vec<_>>());
         assert!(pairs.len() <= (PARTNERS + 2) * count, "{}", pairs.len());
         for i in 0..count {
@@ -141,16 +138,14 @@ mod tests {
         /// is behind it.
         #[test]
         fn pairs_are_near_and_few(count in 13..80_usize) {
-            let poses: Vec<Pose> = (0..count)
-                .map(|i| {
-                    let back = i > 2 * count / 3;
-                    let at = if back { 2 * (2 * count / 3) - i } else { i };
-                    pose_at([0.2 * at as f64, 0.0, 0.0], [0.0, if back { 3.0 } else { 0.0 }, 0.0])
-                })
-                .collect();
+            let turned = |i: usize| i > 2 * count / 3;
+            let pose = |i: usize| {
+                let at = if turned(i) { 2 * (2 * count / 3) - i } else { i };
+                pose_at([0.2 * at as f64, 0.0, 0.0], [0.0, if turned(i) { 3.0 } else { 0.0 }, 0.0])
+            };
+            let poses: Vec<Pose> = (0..count).map(pose).collect();
             let pairs = pairs(&poses);
             prop_assert!(pairs.len() <= 6 * count);
-            let turned = |i: usize| i > 2 * count / 3;
             let across = pairs.iter().filter(|[i, j]| turned(*i) != turned(*j)).count();
             prop_assert_eq!(across, 0);
             let mut all: Vec<usize> = windows(&poses).concat();

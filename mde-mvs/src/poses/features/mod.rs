@@ -74,9 +74,8 @@ impl Features {
         found.sort_by(|a, b| b.response.total_cmp(&a.response));
         found.truncate(max_features);
 
-        let described: Vec<_> =
-            found.par_iter().map(|extremum| descriptor::describe(&space, extremum)).collect();
-        let keypoints = found.iter().map(|extremum| space.keypoint(extremum)).collect();
+        let described: Vec<_> = found.par_iter().map(|found| descriptor::describe(&space, found)).collect();
+        let keypoints = found.iter().map(|found| space.keypoint(found)).collect();
         Ok(Self { keypoints, descriptors: Array2::from(described) })
     }
 }

@@ -170,14 +170,11 @@ fn factors_of_rendered_photographs_are_found() {
         Pose::identity(),
     ];
     let truth = [0.1_f64, -0.3, 0.25, 0.0, -0.05];
-    let mut shots: Vec<Prepared> = poses
-        .iter()
-        .zip(truth)
-        .map(|(pose, log)| {
-            let (view, depth) = photograph(*pose);
-            prepared((view, with_errors(&depth, (-log).exp() as f32)))
-        })
-        .collect();
+    let shot = |(pose, log): (&Pose, f64)| {
+        let (view, depth) = photograph(*pose);
+        prepared((view, with_errors(&depth, (-log).exp() as f32)))
+    };
+    let mut shots: Vec<Prepared> = poses.iter().zip(truth).map(shot).collect();
     shots.push(prepared(photograph(pose_at([0.0, 40.0, 0.0], [0.0; 3]))));
     assert!(shots.iter().all(|shot| shot.0.features.keypoints.len() > 200));
 
