@@ -63,6 +63,11 @@ pub(crate) fn shrink(image: ArrayView3<'_, f32>, height: usize, width: usize) ->
     small
 }
 
+/// The same of a single channel.
+pub(crate) fn shrink_map(map: ArrayView2<'_, f32>, height: usize, width: usize) -> Array2<f32> {
+    shrink(map.insert_axis(Axis(2)), height, width).remove_axis(Axis(2))
+}
+
 /// The index of the source sample nearest to the middle of each of `to` target samples.
 fn nearest(from: usize, to: usize) -> Vec<usize> {
     (0..to).map(|i| (((i as f64 + 0.5) * from as f64 / to as f64) as usize).min(from - 1)).collect()
@@ -78,13 +83,12 @@ pub(crate) fn pick<T: Copy>(map: ArrayView2<'_, T>, height: usize, width: usize)
 pub(crate) fn enlarge(map: &Array2<f32>, height: usize, width: usize) -> Array2<f32> {
     let (h, w) = map.dim();
     let places = |from: usize, to: usize| -> Vec<(usize, usize, f32)> {
-        (0..to)
-            .map(|i| {
-                let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
-                let below = at as usize;
-                (below, (below + 1).min(from - 1), (at - below as f64) as f32)
-            })
-            .collect()
+        let place = |i: usize| {
+            let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
+            let below = at as usize;
+            (below, (below + 1).min(from - 1), (at - below as f64) as f32)
+        };
+        (0..to).map(place).collect()
     };
     let (rows, columns) = (places(h, height), places(w, width));
     Array2::from_shape_fn((height, width), |(y, x)| {
@@ -101,12 +105,7 @@ pub(crate) fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Ar
         return map.to_owned();
     }
     let whole = map.iter().all(|z| *z > 0.0 && z.is_finite());
-    if whole {
-        let cube = map.insert_axis(Axis(2));
-        shrink(cube, h, w).index_axis_move(Axis(2), 0)
-    } else {
-        pick(*map, h, w)
-    }
+    if whole { shrink_map(*map, h, w) } else { pick(*map, h, w) }
 }
 
 /// The domain transform's recursive filter (Gastal and Oliveira, 2011) of `N` maps at once, both ways along rows, then along columns. By the

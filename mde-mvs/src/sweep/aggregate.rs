@@ -222,8 +222,7 @@ mod tests {
 
     /// The module's equations in `f64`, each path cost from the one before it.
     fn reference(costs: &[u8], luma: &[f32], [h, w, k]: [usize; 3], p: &Penalties) -> Vec<f64> {
-        let steps: [(isize, isize); 8] =
-            [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
+        let steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
         let cost = |pixel: usize, s: usize| f64::from(costs[pixel * k + s]);
         let mut sums = vec![0.0; h * w * k];
         for &(dy, dx) in &steps {
@@ -233,10 +232,9 @@ mod tests {
             for y in order(h, dy) {
                 for x in order(w, dx) {
                     let here = y * w + x;
-                    let from = y
-                        .checked_add_signed(-dy)
-                        .filter(|y| *y < h)
-                        .zip(x.checked_add_signed(-dx).filter(|x| *x < w));
+                    let before =
+                        |at: usize, step: isize, n| at.checked_add_signed(-step).filter(|at| *at < n);
+                    let from = before(y, dy, h).zip(before(x, dx, w));
                     paths[here] = match from {
                         None => (0..k).map(|s| cost(here, s)).collect(),
                         Some((y0, x0)) => {
@@ -246,21 +244,16 @@ mod tests {
                             let large = (f64::from(p.large) / (1.0 + apart / f64::from(p.edge))).floor();
                             let large = large.max(f64::from(p.small) + 1.0);
                             let reached = |s: usize| {
-                                let beside = [s.checked_sub(1), Some(s + 1)]
-                                    .into_iter()
-                                    .flatten()
-                                    .filter_map(|i| before.get(i));
                                 let beside =
-                                    beside.copied().fold(f64::INFINITY, f64::min) + f64::from(p.small);
-                                before[s].min(beside).min(least + large)
+                                    [s.wrapping_sub(1), s + 1].into_iter().filter_map(|i| before.get(i));
+                                let beside = beside.copied().fold(f64::INFINITY, f64::min);
+                                before[s].min(beside + f64::from(p.small)).min(least + large)
                             };
                             (0..k).map(|s| cost(here, s) + reached(s) - least).collect()
                         }
                     };
-                    sums[here * k..(here + 1) * k]
-                        .iter_mut()
-                        .zip(&paths[here])
-                        .for_each(|(sum, path)| *sum += path);
+                    let sums = sums[here * k..].iter_mut();
+                    sums.zip(&paths[here]).for_each(|(sum, path)| *sum += path);
                 }
             }
         }

@@ -28,9 +28,8 @@ const ROUNDS: usize = 3;
 
 /// Kernel distances of each pixel from the one to its left and from the one above it, in units of [`EDGE`].
 fn distances(luma: &Array2<f32>, log_depth: &Array2<f32>) -> [Array2<f32>; 2] {
-    let difference = |a: (usize, usize), b: (usize, usize)| {
-        (luma[a] - luma[b]).abs() / EDGE + (log_depth[a] - log_depth[b]).abs() / EDGE
-    };
+    let apart = |map: &Array2<f32>, a: (usize, usize), b| (map[a] - map[b]).abs() / EDGE;
+    let difference = |a, b| apart(luma, a, b) + apart(log_depth, a, b);
     // At the left and upper rim a pixel is compared with itself.
     let across = |(y, x): (usize, usize)| difference((y, x), (y, x.saturating_sub(1)));
     let down = |(y, x): (usize, usize)| difference((y, x), (y.saturating_sub(1), x));
@@ -95,6 +94,7 @@ pub(crate) fn correct(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::s;
 
     /// A step that the guide has too stays a step; a gap without matches is filled from its own side.
     #[test]
@@ -103,9 +103,8 @@ mod tests {
         let luma = Array2::from_shape_fn(shape, |(_, x)| if x < 30 { 0.2 } else { 0.8 });
         let flat = Array2::zeros(shape);
         let truth = luma.mapv(|l| if l < 0.5 { 0.3 } else { -0.1 });
-        let weight = Array2::from_shape_fn(shape, |(y, x)| {
-            if (10..30).contains(&y) && (20..40).contains(&x) { 0.0 } else { 1.0 }
-        });
+        let mut weight = Array2::ones(shape);
+        weight.slice_mut(s![10..30, 20..40]).fill(0.0);
         let found = correct(&truth, &weight, [&luma, &flat], 0.2);
         for ((y, x), u) in found.mean.indexed_iter() {
             assert!((u - truth[(y, x)]).abs() < 0.05, "{y} {x} {u}");

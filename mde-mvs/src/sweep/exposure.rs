@@ -64,8 +64,7 @@ impl Exposure {
 
 /// An [`Exposure`] and what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub struct ExposureFit {
     /// The view's colours in the reference's exposure; the identity where there are too few pairs.
@@ -120,11 +119,8 @@ pub fn fit_pairs(pairs: &[([f32; 3], [f32; 3])]) -> ExposureFit {
     let (mut used, mut residual) = (0, 0.0);
     for c in 0..3 {
         let usable = |x: f64| (CLIPPED..=1.0 - CLIPPED).contains(&x);
-        let channel: Vec<[f64; 2]> = pairs
-            .iter()
-            .map(|(x, y)| [f64::from(x[c]), f64::from(y[c])])
-            .filter(|[x, y]| usable(*x) && usable(*y))
-            .collect();
+        let channel = pairs.iter().map(|(x, y)| [x[c], y[c]].map(f64::from));
+        let channel: Vec<[f64; 2]> = channel.filter(|[x, y]| usable(*x) && usable(*y)).collect();
         used = used.max(channel.len());
         if channel.len() < MIN_PAIRS {
             continue;
@@ -158,9 +154,8 @@ fn robust_line(points: &[[f64; 2]]) -> Line {
                 *sum += term;
             }
         }
-        let (mx, my) = (sums[1] / sums[0], sums[2] / sums[0]);
-        let (xx, xy, yy) =
-            (sums[3] / sums[0] - mx * mx, sums[4] / sums[0] - mx * my, sums[5] / sums[0] - my * my);
+        let [_, mx, my, xx, xy, yy] = sums.map(|sum| sum / sums[0]);
+        let (xx, xy, yy) = (xx - mx * mx, xy - mx * my, yy - my * my);
         let correlated = xy > MIN_CORRELATION * (xx * yy).max(0.0).sqrt() && xy > 0.0;
         line.gain = if correlated {
             let d = yy - xx;

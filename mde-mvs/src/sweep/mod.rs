@@ -129,13 +129,11 @@ pub fn sweep(
     let (height, width) = from.camera.dim();
     let (centre, [low, high], logarithmic) = centre(from, surfaces)?;
     let number = number_of_surfaces(from, &sources, &centre, [low, high]);
-    let multiples: Vec<f32> = (0..number)
-        .map(|k| {
-            let share = k as f64 / (number - 1) as f64;
-            let even = low + share * (high - low);
-            if logarithmic { (low * (high / low).powf(share)) as f32 } else { even as f32 }
-        })
-        .collect();
+    let multiple = |k: usize| {
+        let share = k as f64 / (number - 1) as f64;
+        (if logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }) as f32
+    };
+    let multiples: Vec<f32> = (0..number).map(multiple).collect();
     let setup = Setup { reference: from, sources: &sources, centre: &centre, multiples: &multiples };
     let mut volume = Volume::new(&setup);
     let mut found = estimates(&volume, from);
@@ -281,13 +279,9 @@ mod tests {
 
     fn errors(sweep: &Sweep, truth: &Array2<f32>, border: usize) -> Vec<f64> {
         let (h, w) = truth.dim();
-        let inside =
-            |y: usize, x: usize| (border..h - border).contains(&y) && (border..w - border).contains(&x);
-        let mut all: Vec<f64> = truth
-            .indexed_iter()
-            .filter(|((y, x), _)| inside(*y, *x))
-            .filter_map(|((y, x), t)| sweep.depth.get(y, x).map(|(z, _)| f64::from((z / t).ln().abs())))
-            .collect();
+        let error = |at: (usize, usize)| Some((sweep.depth.get(at.0, at.1)?.0 / truth[at]).ln().abs());
+        let inside = (border..h - border).flat_map(|y| (border..w - border).map(move |x| (y, x)));
+        let mut all: Vec<f64> = inside.filter_map(error).map(f64::from).collect();
         all.sort_by(f64::total_cmp);
         all
     }

@@ -14,6 +14,7 @@ use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
 
+use super::edge::colour;
 use crate::raster::recursive_filter;
 use crate::{Result, check_map};
 
@@ -58,10 +59,8 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     for filter in 1..=FILTERS {
         let share = 3.0_f64.sqrt() * 2.0_f64.powi(FILTERS - filter) / (4.0_f64.powi(FILTERS) - 1.0).sqrt();
         let decay = -2.0_f64.sqrt() / (reach * share);
-        recursive_filter(
-            &mut moments,
-            &steps.each_ref().map(|steps| steps.mapv(|step| (decay * step).exp())),
-        );
+        let feedback = steps.each_ref().map(|steps| steps.mapv(|step| (decay * step).exp()));
+        recursive_filter(&mut moments, &feedback);
     }
     let mut variance = own.clone();
     Zip::indexed(&mut inverse).and(&own).and(&mut variance).and(&moments).for_each(
@@ -86,10 +85,9 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
 /// Length of the way to each pixel from the one before it, `[dy, dx]` away.
 fn steps(view: &PosedView, reach: f64, [dy, dx]: [usize; 2]) -> Array2<f64> {
     Array2::from_shape_fn(view.camera.dim(), |(y, x)| {
-        let from = (y.saturating_sub(dy), x.saturating_sub(dx));
-        let colour =
-            |channel| f64::from((view.image[(y, x, channel)] - view.image[(from.0, from.1, channel)]).abs());
-        1.0 + reach / COLOUR * (0..3).map(colour).sum::<f64>()
+        let (here, from) = (colour(view, y, x), colour(view, y.saturating_sub(dy), x.saturating_sub(dx)));
+        let differences = here.iter().zip(from).map(|(here, from)| f64::from((here - from).abs()));
+        1.0 + reach / COLOUR * differences.sum::<f64>()
     })
 }
 
@@ -150,10 +148,8 @@ mod tests {
     fn a_doubtful_spot_returns_to_its_plane() {
         let plane = |y: usize, x: usize| (0.5 + 0.002 * x as f32 + 0.001 * y as f32).recip();
         let spot = |y: usize, x: usize| y.abs_diff(30).pow(2) + x.abs_diff(40).pow(2) < 36;
-        let known = map(
-            |y, x| plane(y, x) * if spot(y, x) { 1.4 } else { 1.0 },
-            |y, x| if spot(y, x) { 0.3 } else { 0.01 },
-        );
+        let depth = |y, x| plane(y, x) * if spot(y, x) { 1.4 } else { 1.0 };
+        let known = map(depth, |y, x| if spot(y, x) { 0.3 } else { 0.01 });
         let found = with_planes(&wall(|_| 0.5), &known).unwrap();
         let (z, v) = found.get(30, 40).unwrap();
         assert!((z / plane(30, 40) - 1.0).abs() < 0.06, "{z} {}", plane(30, 40));

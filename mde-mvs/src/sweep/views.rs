@@ -26,8 +26,7 @@ pub const MIN_OVERLAP: f64 = 0.2;
 
 /// One further photograph measured against the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub struct ViewScore {
     /// Its index among the views.
@@ -156,10 +155,8 @@ mod tests {
         let depth = depths[0].view();
         let chosen = select_views(&views, 0, depth, &[], 7);
         assert!(matches!(chosen, Err(Error::View(_))));
-        assert!(matches!(
-            crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth),
-            Err(Error::View(_))
-        ));
+        let fitted = crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth);
+        assert!(matches!(fitted, Err(Error::View(_))));
         assert!(matches!(crate::sweep::scale::point_matches(&views[1], &[], depth), Err(Error::View(_))));
     }
 }

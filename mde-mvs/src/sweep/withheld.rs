@@ -30,8 +30,7 @@ const MIN_BLOCKS: usize = 8;
 
 /// Colour differences of a withheld photograph, mean of the pixels that both depths carry into it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub struct WithheldError {
     /// Through the scaled prior, or the prior times the common factor times 0.74 to 1.35, whichever fits best: mean absolute difference of sRGB in \[0, 1\], cut at .1.
@@ -81,9 +80,7 @@ pub fn withheld_error(
     maps.remove(withheld);
     let maps: Vec<ArrayView2<'_, f32>> = maps.iter().map(|map| map.view()).collect();
     let known = reconstruct(&small, &maps, scale, &mut silent)?;
-    let (Some(reference), Some(own), Some(prior)) = (small.first(), known.views.first(), maps.first()) else {
-        return Ok(None);
-    };
+    let ([reference, ..], [own, ..], [prior, ..]) = (&*small, &*known.views, &*maps) else { return Ok(None) };
     error(reference, &target, [own.fused.mean(), own.prior.mean()], prior, known.scale)
 }
 

@@ -8,8 +8,7 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::chance::{better, chances};
-use super::fuse::fuse;
-use super::inflation::inflation;
+use super::fuse::{fuse, inflation};
 use super::{Reconstruction, ViewDepth, agreement, matches_of};
 use crate::raster::{enlarge, small_map, small_view};
 use crate::sweep::scale::{Gauge, Scale};
@@ -160,8 +159,7 @@ impl Sweeps {
             let Fine { corrected: prior, sweep, .. } = fine[i];
             let chance = chances(sweep, &agreement);
             let visible = self::agreement(&views, &corrected, i, &everyone)?.visible;
-            let seen =
-                Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
+            let seen = Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&n, &z| n > 0 && z > 0.0);
             let map = fuse(views[i], prior, sweep, &chance, NARROW)?;
             let map = map.without_unseen(&seen, prior)?;
             let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
