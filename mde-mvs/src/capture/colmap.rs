@@ -207,8 +207,8 @@ pub(super) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens
         let mut words = text.split_whitespace();
         let id = integer(path, line, words.next(), "the camera's number")?;
         let name = words.next().unwrap_or_default();
-        let model =
-            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name, SUPPORTED))?;
+        let model = MODELS.iter().position(|model| model.0 == name);
+        let model = model.ok_or_else(|| unsupported(path, name, SUPPORTED))?;
         let size =
             [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
         let parameters = (0..MODELS[model].1)

@@ -91,16 +91,9 @@ fn find(
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
 ) -> Option<(PathBuf, [usize; 2])> {
     let plain = folder.join(name);
-    if let Some(found) = size(&plain) {
-        return Some((plain, found));
-    }
-    if plain.extension().is_some() {
-        return None;
-    }
-    EXTENSIONS.iter().find_map(|e| {
-        let with = folder.join(format!("{name}.{e}"));
-        size(&with).map(|found| (with, found))
-    })
+    let extensions = if plain.extension().is_some() { &[][..] } else { &EXTENSIONS };
+    let others = extensions.iter().map(|extension| folder.join(format!("{name}.{extension}")));
+    std::iter::once(plain).chain(others).find_map(|path| size(&path).map(|found| (path, found)))
 }
 
 struct Fields<'a> {
@@ -223,9 +216,7 @@ pub fn transforms_json(
             let camera = &frame.lens.camera;
             let d = &frame.lens.distortion;
             let m = frame.pose.inverse().to_homogeneous();
-            let row = |r: usize| -> Vec<f64> {
-                (0..4).map(|c| if c == 1 || c == 2 { -m[(r, c)] } else { m[(r, c)] }).collect()
-            };
+            let row = |r| [0, 1, 2, 3].map(|c| if c == 1 || c == 2 { -m[(r, c)] } else { m[(r, c)] });
             let name = frame.photograph.strip_prefix(folder).unwrap_or(&frame.photograph);
             let mut entry = json!({
                 "file_path": name.to_string_lossy().replace('\\', "/"),
