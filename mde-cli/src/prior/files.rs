@@ -120,10 +120,8 @@ pub fn read_options(name: &str, scale: Option<f64>) -> Result<ReadOptions> {
 
 /// The unit in the metadata of a depth map.
 fn unit(path: &Path) -> Option<String> {
-    match png_content(path).ok().flatten() {
-        Some(PngContent::Depth { unit, .. }) => Some(unit),
-        _ => None,
-    }
+    let Ok(Some(PngContent::Depth { unit, .. })) = png_content(path) else { return None };
+    Some(unit)
 }
 
 /// Whether a file is a PNG of 8 bits a sample; `grey`: of one channel.

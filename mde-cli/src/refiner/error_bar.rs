@@ -150,10 +150,8 @@ impl ErrorBar {
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
             None => {
-                let of = match mismatch {
-                    Some(Mismatch::Model) => "this depth model",
-                    _ => "these settings",
-                };
+                let of =
+                    if mismatch == Some(Mismatch::Model) { "this depth model" } else { "these settings" };
                 stated.warnings.push(format!(
                     "{{interval}}: no calibration for {of}, so the interval assumes a normal distribution; calibrate to estimate one"
                 ));

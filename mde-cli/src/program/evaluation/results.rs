@@ -33,10 +33,7 @@ pub(crate) struct Results {
     pub(crate) record: Value,
 }
 
-/// Writes tables and figures into the folder of `store` and prints the verdict.
-///
-/// # Errors
-/// [`Partial`](crate::program::error::Partial) where a scene or method failed; the results of the others are written.
+/// Writes tables and figures into the folder of `store` and prints the verdict; an error too where some scene or method failed.
 pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -> Result<()> {
     written(results, &store.root, progress).inspect_err(|_| store.discard_if_empty())
 }
@@ -76,10 +73,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     partial(failures.len(), first, folder)
 }
 
-/// Tells what a shard has stored; the tables are those of the evaluation of all scenes.
-///
-/// # Errors
-/// [`Partial`](crate::program::error::Partial) where a scene or method failed.
+/// Tells what a shard has stored; the tables are those of the evaluation of all scenes. An error too where some scene or method failed.
 pub(crate) fn finish_part(
     [scenes, all]: [usize; 2],
     failures: &[Failure],

@@ -145,10 +145,8 @@ impl Priors {
 
     /// Identifies the network's files, where there is one.
     pub(crate) fn model_hash(&self) -> Option<String> {
-        match &self.form {
-            Form::Network(open) => open.origin().model_hash.clone(),
-            _ => None,
-        }
+        let Form::Network(open) = &self.form else { return None };
+        open.origin().model_hash.clone()
     }
 
     /// Everything that a scene's prior depends on besides the scene: of files the content, not the place.

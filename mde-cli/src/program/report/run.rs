@@ -152,10 +152,8 @@ fn evidence(path: &Path) -> Result<(Array2<f32>, Value)> {
 fn prior_sigma(config: &Config, record: &Value) -> (f64, f64, String) {
     let iterations = record["iterations"].as_array().map(Vec::as_slice).unwrap_or_default();
     // Only an anchored loop meets the monocular depth itself again.
-    let index = match config.refinement.prior {
-        IterationPrior::Anchor => iterations.len().saturating_sub(1),
-        _ => 0,
-    };
+    let anchored = config.refinement.prior == IterationPrior::Anchor;
+    let index = if anchored { iterations.len().saturating_sub(1) } else { 0 };
     let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
     let common = record["augmentation"]["common_error"].as_f64().unwrap_or(config.fusion.common_error);
     let whose = match record["error_bar"]["common_assumed"].is_null() {
