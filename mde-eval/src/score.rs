@@ -171,11 +171,10 @@ pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
 /// As [`score`].
 pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let (depth, uncertainty) =
-        rayon::join(|| aligned.depth_values(subject.cache), || aligned.uncertainty(subject, alignment));
+    let (depth, uncertainty) = rayon::join(|| aligned.depth_values(), || aligned.uncertainty());
     let (mut values, (of_sigma, curves)) = (depth?, uncertainty?);
     values.extend(of_sigma);
-    Ok(aligned.scores(alignment, values, curves))
+    Ok(aligned.scores(values, curves))
 }
 
 /// Scores of the uncertainty alone, for another sigma of a depth that is scored already. No value where no pixel has an uncertainty.
@@ -188,8 +187,8 @@ pub fn score_uncertainty(
     config: &ScoreConfig,
 ) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let (values, curves) = aligned.uncertainty(subject, alignment)?;
-    Ok(aligned.scores(alignment, values, curves))
+    let (values, curves) = aligned.uncertainty()?;
+    Ok(aligned.scores(values, curves))
 }
 
 type Values = BTreeMap<String, f64>;
@@ -204,14 +203,16 @@ fn values(of: impl Fn(Of) -> Result<Option<f64>> + Sync) -> Result<Values> {
 }
 
 /// Both maps, 0 where a pixel does not count.
-struct Aligned {
+struct Aligned<'s> {
+    subject: Subject<'s>,
+    alignment: Alignment,
     depth: Array2<f32>,
     truth: Array2<f32>,
     pixels: Array2<bool>,
 }
 
-impl Aligned {
-    fn new(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Self> {
+impl<'s> Aligned<'s> {
+    fn new(subject: &Subject<'s>, alignment: &Alignment, config: &ScoreConfig) -> Result<Self> {
         config.validate()?;
         let pixels = subject.pixels(config)?;
         let depth = Zip::from(subject.prediction).and(&pixels).map_collect(|&p, &keep| {
@@ -220,11 +221,11 @@ impl Aligned {
             if keep { clipped as f32 } else { 0.0 }
         });
         let truth = Zip::from(subject.truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
-        Ok(Self { depth, truth, pixels })
+        Ok(Self { subject: *subject, alignment: *alignment, depth, truth, pixels })
     }
 
-    fn depth_values(&self, cache: Option<&TruthCache>) -> Result<Values> {
-        let truth = cache.unwrap_or(&TruthCache::default()).truth(&self.truth, &self.pixels)?;
+    fn depth_values(&self) -> Result<Values> {
+        let truth = self.subject.cache.unwrap_or(&TruthCache::default()).truth(&self.truth, &self.pixels)?;
         let found = DepthMap::new(self.depth.view(), &truth)?;
         values(|of| match of {
             Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
@@ -234,15 +235,8 @@ impl Aligned {
     }
 
     /// Values and curves of the uncertainty; nothing where there is none.
-    fn uncertainty(
-        &self,
-        subject: &Subject<'_>,
-        alignment: &Alignment,
-    ) -> Result<(Values, Option<UncertaintyCurves>)> {
-        let Some(sigma) = subject.sigma else { return Ok(Default::default()) };
-        let Some(found) = SigmaMap::new(subject.prediction, sigma, self, alignment)? else {
-            return Ok(Default::default());
-        };
+    fn uncertainty(&self) -> Result<(Values, Option<UncertaintyCurves>)> {
+        let Some(found) = SigmaMap::new(self)? else { return Ok(Default::default()) };
         let values = values(|of| match of {
             Of::Errors(metric) => metric(&found.errors, &found.sigma).map(Some),
             Of::Sigma(metric) => Ok(metric(&found)),
@@ -251,8 +245,8 @@ impl Aligned {
         Ok((values, Some(found.curves())))
     }
 
-    fn scores(&self, alignment: &Alignment, values: Values, curves: Option<UncertaintyCurves>) -> Scores {
+    fn scores(&self, values: Values, curves: Option<UncertaintyCurves>) -> Scores {
         let pixels = self.pixels.iter().filter(|&&keep| keep).count();
-        Scores { rule: None, alignment: *alignment, pixels, values, curves }
+        Scores { rule: None, alignment: self.alignment, pixels, values, curves }
     }
 }

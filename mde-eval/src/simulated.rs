@@ -114,14 +114,12 @@ impl DepthPrior for SimulatedPrior {
     /// # Errors
     /// [`mde_prior::Error::Input`] for an image of another size.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let (height, width, _) = image.dim();
-        if (height, width) == self.prediction.map.dim() {
+        let ((height, width, _), (rows, columns)) = (image.dim(), self.prediction.map.dim());
+        if (height, width) == (rows, columns) {
             return Ok(self.prediction.clone());
         }
-        let shape = self.prediction.map.dim();
         Err(mde_prior::Error::Input(format!(
-            "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
-            shape.1, shape.0
+            "the simulated prior is {columns}x{rows} but the image is {width}x{height} (width x height); resize the image"
         )))
     }
 }

@@ -1,12 +1,10 @@
 use super::Aligned;
 use crate::Result;
-use crate::align::Alignment;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
 use crate::metrics::sparsification::Reduction::{Mean, RootMean};
 use crate::metrics::sparsification::{
     Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi, spearman_of_bins,
 };
-use crate::raster::Map;
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
 use serde::{Deserialize, Serialize};
 
@@ -48,16 +46,12 @@ pub(super) struct SigmaMap {
 }
 
 impl SigmaMap {
-    /// Of a prediction and its sigma; nothing where no pixel has an uncertainty.
-    pub(super) fn new(
-        prediction: Map<'_>,
-        sigma: Map<'_>,
-        aligned: &Aligned,
-        alignment: &Alignment,
-    ) -> Result<Option<Self>> {
+    /// Nothing where no pixel has an uncertainty.
+    pub(super) fn new(aligned: &Aligned<'_>) -> Result<Option<Self>> {
+        let Aligned { subject, alignment, depth, truth, pixels } = aligned;
+        let Some(sigma) = subject.sigma else { return Ok(None) };
         let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());
-        let values =
-            prediction.iter().zip(sigma).zip(&aligned.depth).zip(&aligned.truth).zip(&aligned.pixels);
+        let values = subject.prediction.iter().zip(sigma).zip(depth).zip(truth).zip(pixels);
         for ((((&p, &sigma), &aligned), &truth), &keep) in values {
             let scaled = alignment.sigma(f64::from(p), f64::from(sigma));
             if keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite() {

@@ -162,10 +162,8 @@ mod tests {
             let broken = wrapped(text, columns, indent);
             assert!(broken.split_whitespace().eq(text.split_whitespace()), "{columns}: {broken}");
         }
-        assert_eq!(
-            wrapped("a-word-longer-than-the-line and more", 12, 2),
-            "a-word-longer-than-the-line\n  and more"
-        );
+        let long = wrapped("a-word-longer-than-the-line and more", 12, 2);
+        assert_eq!(long, "a-word-longer-than-the-line\n  and more");
     }
 
     #[test]
