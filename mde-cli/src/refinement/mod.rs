@@ -58,24 +58,16 @@ pub fn refine(
         components.push(shared_error(&depth, share));
         return Ok(Refinement { depth, augmentation, components, certainty, ..Refinement::of_prior(prior) });
     }
-    let bayes;
-    let fuser: &dyn Fuser = match stages.fuser {
-        Some(fuser) => fuser,
-        None => {
-            bayes = BayesFuser::new(config.fusion.clone())?;
-            &bayes
-        }
-    };
+    let bayes = BayesFuser::new(config.fusion.clone())?;
+    let fuser = stages.fuser.unwrap_or(&bayes);
     let (mut current, mut iterations) = (anchor.clone(), Vec::new());
     loop {
         let index = iterations.len();
-        let fusion_prior = match (index, config.refinement.prior) {
+        let fusion_prior = match config.refinement.prior {
+            IterationPrior::Carry if index > 0 => Prior::with_variance(current.clone())?,
             // A single prediction has no spread: the fusion estimates its variance.
-            (0, _) | (_, IterationPrior::Anchor) if augmentation.predictions == 1 => {
-                Prior::new(prior.clone())?
-            }
-            (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
-            (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
+            _ if augmentation.predictions == 1 => Prior::new(prior.clone())?,
+            _ => Prior::with_variance(anchor.clone())?,
         };
         let field = stages.field(config, index)?;
         let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, fuser)?;

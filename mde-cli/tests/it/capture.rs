@@ -68,9 +68,8 @@ fn the_report_of_several_large_photographs_is_below_five_megabytes() {
         prior.valid = Array2::from_elem((480, 640), true);
     }
     let place = on_disk(&room);
-    let quick =
-        "nerf = { train = { steps = 5, rays = 128 }, render = { coarse = 4, fine = 4 }, field.finest = 64 }";
-    place.write("quick.toml", quick);
+    let quick = "train = { steps = 5, rays = 128 }, render = { coarse = 4, fine = 4 }, field.finest = 64";
+    place.write("quick.toml", format!("nerf = {{ {quick} }}"));
     place.run(&format!("{REFINE} --views transforms.json -o out"));
     assert!(place.record("out")["capture"]["fallback"].is_null());
     let bytes = place.bytes("out/report.html").len();

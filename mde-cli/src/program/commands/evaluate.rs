@@ -75,8 +75,7 @@ fn variants(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
             known.join(", ")
         );
     }
-    let is_wanted =
-        |row: &str| args.rows.is_empty() || row == FULL || args.rows.iter().any(|name| name == row);
+    let is_wanted = |row| args.rows.is_empty() || row == FULL || args.rows.iter().any(|name| name == row);
     let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
     for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
         let chosen = ablation::rows(base).filter(|row| is_wanted(row.name));

@@ -49,9 +49,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         for (index, (view, pose)) in views.iter().zip(&poses).enumerate() {
             let number = if poses.len() == 1 { String::new() } else { format!("_{index:03}") };
             write_view(path, &number, view, &png)?;
-            records.push(
-                json!({ "colour": format!("colour{number}.png"), "world_to_camera": matrix_rows(pose) }),
-            );
+            let colour = format!("colour{number}.png");
+            records.push(json!({ "colour": colour, "world_to_camera": matrix_rows(pose) }));
         }
         let about = about("render", args.field.display().to_string(), &camera, None, &progress);
         write_record(path, about, json!({ "png_scale": png.scale, "views": records }))

@@ -6,7 +6,7 @@ use crate::program::evaluation::{Scoring, Store, results};
 use crate::program::open::limit;
 use crate::program::{Progress, ScoreMapsArgs, interrupt};
 use crate::refiner::{Observer, SceneMemory};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use mde_eval::data::{MapPair, map_pairs};
 use mde_eval::score::{Subject, score};
 use mde_eval::table::{Entry, Failure};
@@ -36,9 +36,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     let store = Store::open(&args.run.output(pred, "-score"), &record, args.run.force, false)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
-        if interrupt::requested() {
-            bail!(crate::error::Error::Interrupted);
-        }
+        ensure!(!interrupt::requested(), crate::error::Error::Interrupted);
         match entry(pair, args, &scoring) {
             Ok(entry) => entries.push(entry),
             Err(error) => {

@@ -196,9 +196,7 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
 /// Each different warning once, with the number of photographs that had it.
 fn warnings(rows: &[PhotographRow], progress: &mut Progress) {
     let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
-    for warning in rows.iter().flat_map(|row| &row.warnings) {
-        *counted.entry(warning).or_default() += 1;
-    }
+    rows.iter().flat_map(|row| &row.warnings).for_each(|warning| *counted.entry(warning).or_default() += 1);
     for (warning, count) in counted {
         progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
     }

@@ -5,7 +5,6 @@ use glob::{MatchOptions, glob_with};
 use mde_prior::{FileKind, open};
 use std::collections::HashSet;
 use std::ffi::OsStr;
-use std::fs::DirEntry;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -57,11 +56,10 @@ fn named_by(name: &Path) -> Result<Vec<PathBuf>> {
         let text = open::read_text(name, FileKind::Text).with_context(fault)?;
         listed(&shown.to_string(), &text, name.parent().unwrap_or(Path::new(".")))
     } else if name.is_dir() {
+        let fault = || format!("{shown}: the folder can't be read; check the path");
         let entries = std::fs::read_dir(name).and_then(Iterator::collect::<io::Result<Vec<_>>>);
-        let entries =
-            entries.with_context(|| format!("{shown}: the folder can't be read; check the path"))?;
-        let mut found: Vec<_> =
-            entries.iter().map(DirEntry::path).filter(|path| is_photograph(path)).collect();
+        let paths = entries.with_context(fault)?.into_iter().map(|entry| entry.path());
+        let mut found: Vec<_> = paths.filter(|path| is_photograph(path)).collect();
         ensure!(
             !found.is_empty(),
             "{shown}: the folder holds no photograph ({kinds}); folders within it are not searched"
@@ -74,7 +72,7 @@ fn named_by(name: &Path) -> Result<Vec<PathBuf>> {
 }
 
 fn is_list(path: &Path) -> bool {
-    path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
 }
 
 /// The photographs whose names match, in their order; a name that begins with a dot only where the pattern's does.
@@ -117,9 +115,8 @@ pub(crate) fn existing(flag: &str, named: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 fn is_photograph(path: &Path) -> bool {
-    let extension = path.extension().and_then(OsStr::to_str);
-    let extension = extension.map(str::to_ascii_lowercase);
-    extension.is_some_and(|e| PHOTOGRAPHS.iter().chain(&UNREAD).any(|known| *known == e)) && path.is_file()
+    let known = |e: &OsStr| PHOTOGRAPHS.iter().chain(&UNREAD).any(|known| e.eq_ignore_ascii_case(known));
+    path.extension().is_some_and(known) && path.is_file()
 }
 
 /// Whether it has wildcards (`*`, `?`, `[abc]`) and is no path itself.

@@ -87,9 +87,7 @@ pub(crate) fn replace(
     let _guard = interrupt::guard(temporary.path());
     fill(temporary.path())?;
     let held = interrupt::hold();
-    if interrupt::requested() {
-        bail!(crate::error::Error::Interrupted);
-    }
+    ensure!(!interrupt::requested(), crate::error::Error::Interrupted);
     check()?;
     exchange(temporary.path(), target)
         .with_context(|| format!("{}: can't put the results there", target.display()))?;
