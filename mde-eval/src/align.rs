@@ -10,6 +10,7 @@ use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// How an [`Alignment`] is fitted to the pixels that count. Beside a score it stands as `none`, `median`, `median-ratio`, `ls-depth` or
 /// `ls-disparity`.
@@ -75,6 +76,12 @@ impl AlignmentRule {
                 Alignment::Disparity { scale, shift, floor: if floor.is_finite() { floor } else { 0.0 } }
             }
         })
+    }
+}
+
+impl fmt::Display for AlignmentRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 

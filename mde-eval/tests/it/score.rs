@@ -34,7 +34,7 @@ fn a_perfect_prediction_scores_perfectly_under_every_rule() {
     let truth = study();
     for rule in RULES {
         let scores = scored(&truth, &truth, rule);
-        let value = |key: &str| scores.get(key).unwrap_or_else(|| panic!("{rule:?}: no {key}"));
+        let value = |key: &str| scores.get(key).unwrap_or_else(|| panic!("{rule}: no {key}"));
         for (key, most) in [
             ("rmse", 1e-5),
             ("abs_rel", 1e-6),
@@ -43,13 +43,13 @@ fn a_perfect_prediction_scores_perfectly_under_every_rule() {
             ("dbe_completeness", 0.05),
             ("d3r", 0.0),
         ] {
-            assert!(value(key) <= most, "{rule:?}: {key} {}", value(key));
+            assert!(value(key) <= most, "{rule}: {key} {}", value(key));
         }
         for key in ["delta1", "delta2", "delta3"] {
             assert_eq!(value(key), 1.0);
         }
         for key in ["f1@0.25m_r1", "f1_max@0.25m_r1", "f1_max@0.5m_r1", "boundary_f1"] {
-            assert!(value(key) > 0.999, "{rule:?}: {key} {}", value(key));
+            assert!(value(key) > 0.999, "{rule}: {key} {}", value(key));
         }
     }
 }
