@@ -128,11 +128,8 @@ pub(crate) fn degenerate(samples: &[Sample], fit: Option<&AffineFit>) -> Option<
 
 /// Why a calibration was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(tag = "reason", rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "reason", rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub enum Degenerate {
     /// Too few pixels where both the prior and a view have a depth.
