@@ -24,7 +24,7 @@ impl Unsharp {
     /// The amount lies in -1 to 50; the nearer end where even that is not enough.
     ///
     /// # Errors
-    /// [`Error::Shape`] where the maps differ, [`Error::Empty`] where they have no depth in common.
+    /// [`Error::Shape`](crate::Error::Shape) where the maps differ, [`Error::Empty`](crate::Error::Empty) where they have no depth in common.
     pub fn matching(prior: ArrayView2<'_, f32>, other: ArrayView2<'_, f32>) -> Result<Self> {
         same_shape("the other map", other.dim(), prior.dim())?;
         let both = Zip::from(prior).and(other).map_collect(|&p, &q| known(p) && known(q));
