@@ -293,6 +293,7 @@ fn known_depths(view: &PosedView) -> Vec<f32> {
 mod tests {
     use super::*;
     use mde_uncertainty::GaussianDepth;
+    use mde_warp::proptest::pose;
     use ndarray::{Array2, Array3};
     use proptest::prelude::*;
 
@@ -303,10 +304,6 @@ mod tests {
         let hypothesis = GaussianDepth::new(depth, Array2::zeros((12, 16))).unwrap();
         let mask = Array2::from_elem((12, 16), true);
         PosedView::new(Array3::zeros((12, 16, 3)), camera, pose, mask, vec![hypothesis]).unwrap()
-    }
-
-    fn pose() -> impl Strategy<Value = Pose> {
-        mde_warp::proptest::pose(0.05, 3.0)
     }
 
     /// The depth at a fraction `x` of the interval, in disparity.
@@ -323,7 +320,7 @@ mod tests {
         /// depth lies between near and far too.
         #[test]
         fn samples_are_inside_the_cube(
-            original in pose(), other in pose(), far in mde_warp::proptest::pose(1.0, 60.0),
+            original in pose(0.05, 3.0), other in pose(0.05, 3.0), far in pose(1.0, 60.0),
             x in -0.5..15.5_f64, y in -0.5..11.5_f64, s in 0.0..=1.0_f64,
         ) {
             let views = [view(original, 1.0, 5.0), view(other * original, 1.0, 5.0)];
@@ -361,7 +358,7 @@ mod tests {
         /// image with its margin and its depth there between near and far.
         #[test]
         fn the_interval_of_a_clipped_ray_is_the_set_of_its_points_in_the_volume(
-            original in mde_warp::proptest::pose(1.0, 180.0), other in mde_warp::proptest::pose(2.0, 120.0),
+            original in pose(1.0, 180.0), other in pose(2.0, 120.0),
             x in -0.5..15.5_f64, y in -0.5..11.5_f64,
         ) {
             let reference = view(original, 1.0, 5.0);
