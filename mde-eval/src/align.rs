@@ -215,9 +215,7 @@ mod tests {
     #[test]
     fn missing_pixels_stay_missing() {
         let map = ndarray::array![[0.0, f32::NAN, 2.0]];
-        assert_eq!(
-            Alignment::Depth { scale: 2.0, shift: 1.0 }.apply(map.view()),
-            ndarray::array![[0.0, 0.0, 5.0]]
-        );
+        let alignment = Alignment::Depth { scale: 2.0, shift: 1.0 };
+        assert_eq!(alignment.apply(map.view()), ndarray::array![[0.0, 0.0, 5.0]]);
     }
 }

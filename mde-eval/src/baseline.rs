@@ -3,34 +3,31 @@
 //! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
 //! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
 
-mod flip;
 mod guided;
 mod joint_bilateral;
 mod noise;
+mod predictions;
 pub mod sigma;
 #[cfg(feature = "solver")]
 mod solver;
 mod sweep;
 mod unsharp;
 mod weighted_median;
-mod zoom;
 
-pub use flip::flip_average;
 pub use guided::guided_filter;
 pub use joint_bilateral::joint_bilateral;
 pub use noise::white_noise;
+pub use predictions::{ZoomMerge, flip_average};
 #[cfg(feature = "solver")]
 pub use solver::{fast_bilateral, solve_bilateral};
 pub use sweep::{gauged_prior, plane_sweep};
 pub use unsharp::Unsharp;
 pub use weighted_median::weighted_median;
-pub use zoom::ZoomMerge;
 
 use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-/// Names of the baselines. Others are `zoom30`, as many grids of [`ZoomMerge`] as 30 predictions allow, and `unsharp1.5`, with any
-/// number after the name.
+/// Names of the baselines. Others: `zoom30`, the grids of [`ZoomMerge`] that 30 predictions allow; `unsharp1.5`, with any number.
 pub const METHODS: &[&str] = &[
     "prior",
     "flip",
@@ -53,11 +50,7 @@ pub const METHODS: &[&str] = &[
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
 pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
-    let mut steps = name.split('+').map(single).collect::<Result<Vec<_>>>()?;
-    match steps.len() {
-        1 => Ok(steps.remove(0)),
-        _ => Ok(Box::new(Chain(steps))),
-    }
+    Ok(Box::new(Chain(name.split('+').map(single).collect::<Result<_>>()?)))
 }
 
 fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {

@@ -1,12 +1,9 @@
 //! Data sets: images with true depth and a camera.
 
-mod captures;
 mod files;
-mod fingerprint;
 mod kind;
 mod maps;
 mod nyu;
-mod own_priors;
 mod places;
 mod plain;
 mod posed;
@@ -15,25 +12,23 @@ mod rooms;
 mod shard;
 mod sunrgbd;
 
-pub use captures::{CaptureGrid, Captures};
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, map_pairs};
 pub use nyu::Nyu;
-pub use own_priors::OwnPriors;
 pub use places::{Placed, parse_places};
 pub use plain::{PlainFolders, PlainScene};
 pub use posed::Posed;
 pub use resized::Resized;
-pub use rooms::Rooms;
+pub use rooms::{CaptureGrid, Captures, Rooms};
 pub use shard::Shard;
 pub use sunrgbd::SunRgbd;
 
 use crate::capture::{Capture, CapturedView};
 use crate::raster::same_shape;
 use crate::{Error, Result};
-use mde_prior::PriorDepth;
+use mde_prior::{DepthPrior, PriorDepth};
 use mde_warp::{PinholeCamera, PosedView};
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView3};
 use std::path::Path;
 
 /// Scenes that are loaded one by one.
@@ -104,26 +99,65 @@ impl Sample {
     /// The reference of a capture with its truth, and the further photographs.
     ///
     /// # Errors
-    /// [`Error::Scene`] without photographs, [`Error::Shape`] where the truth has another size than the
-    /// reference.
+    /// [`Error::Scene`] without photographs, [`Error::Shape`] where truth and reference differ in size.
     pub fn of_capture(capture: Capture) -> Result<Self> {
         let Capture { id, views, truth: depth, trusted_depth } = capture.rebased();
         let mut views = views.into_iter();
-        let Some(reference) = views.next() else { return Err(out_of_range(0, 0)) };
+        let Some(reference) = views.next() else {
+            return Err(Error::Scene { index: 0, count: 0 });
+        };
         let PosedView { image, camera, .. } = reference.view;
         same_shape("the true depth", depth.dim(), camera.dim())?;
         let (views, prior) = (views.collect(), reference.prior);
         Ok(Self { trusted_depth, views, prior, ..Self::new(id, image.into_owned(), depth, camera) })
     }
+
+    /// Checksum (CRC-32) of the image, its camera, its own prior, the further photographs with theirs and, where given, a depth map.
+    pub fn fingerprint(&self, depth: Option<&Array2<f32>>) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        let views = || self.views.iter().map(|captured| &captured.view);
+        for camera in views().map(|view| &view.camera).chain([&self.camera]) {
+            for number in [camera.fx, camera.fy, camera.cx, camera.cy] {
+                hasher.update(&number.to_le_bytes());
+            }
+        }
+        for view in views() {
+            view.pose.to_homogeneous().iter().for_each(|number| hasher.update(&number.to_le_bytes()));
+            view.image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
+        }
+        for prior in self.views.iter().map(|captured| &captured.prior).chain([&self.prior]).flatten() {
+            hasher.update(prior.kind.to_string().as_bytes());
+            let known = prior.map.iter().zip(&prior.valid);
+            known.for_each(|(value, valid)| hasher.update(&if *valid { *value } else { 0.0 }.to_le_bytes()));
+        }
+        for value in self.image.iter().chain(depth.into_iter().flatten()) {
+            hasher.update(&value.to_le_bytes());
+        }
+        hasher.update(format!("{:?}", self.image.dim()).as_bytes());
+        hasher.finalize()
+    }
+}
+
+/// The monocular depths that a data set brings for the photographs of a scene, as a prior: it has no depth of any other image.
+pub struct OwnPriors<'s>(pub &'s Sample);
+
+impl DepthPrior for OwnPriors<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let Self(sample) = self;
+        let own = (image == sample.image).then_some(sample.prior.as_ref());
+        let known = || sample.views.iter().find(|one| one.view.image == image).map(|one| one.prior.as_ref());
+        let unknown = || mde_prior::Error::Input("no depth of this image; name a model".to_owned());
+        own.or_else(known).flatten().cloned().ok_or_else(unknown)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        !self.0.views.is_empty() && self.0.views.iter().all(|view| view.prior.is_some())
+    }
 }
 
 /// The camera of a scene without one: square pixels and the assumed horizontal field of view in degrees, if any.
 fn assumed(fov: Option<f64>, missing: &Path, (height, width): (usize, usize)) -> Result<PinholeCamera> {
-    let reason = "holds no camera; assume a field of view for such scenes".to_owned();
-    let fov = fov.ok_or_else(|| Error::Layout { path: missing.to_owned(), reason })?;
+    let reason = "holds no camera; assume a field of view for such scenes";
+    let fov = fov.ok_or_else(|| files::layout(missing, reason))?;
     Ok(PinholeCamera::from_fov(fov, width, height)?)
-}
-
-fn out_of_range(index: usize, count: usize) -> Error {
-    Error::Scene { index, count }
 }

@@ -135,9 +135,7 @@ pub(crate) fn check_lists<const N: usize>(empty: &'static str, lists: [List<'_>;
 }
 
 /// [`Error::Config`] for the first setting that is not sound: name, value, whether it is sound, and what to do.
-pub(crate) fn check(
-    settings: impl IntoIterator<Item = (&'static str, f64, bool, &'static str)>,
-) -> Result<()> {
+pub(crate) fn check<const N: usize>(settings: [(&'static str, f64, bool, &'static str); N]) -> Result<()> {
     match settings.into_iter().find(|setting| !setting.2) {
         None => Ok(()),
         Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),

@@ -3,9 +3,11 @@
 //! Nothing in a photograph tells a disparity that is taken for a depth, which swaps near and far. The rooms' depth is known.
 
 use crate::Result;
+use crate::raster::gather;
 use crate::scene::{Room, room};
 use mde_prior::{DepthPrior, DisparityRule};
 use mde_uncertainty::statistics::spearman;
+use ndarray::Zip;
 
 /// Width and height of the rooms' images, pixels.
 pub const SIZE: [usize; 2] = [224, 168];
@@ -30,12 +32,9 @@ impl RoomCheck {
     fn new(prior: &dyn DepthPrior, kind: Room, [width, height]: [usize; 2]) -> Result<Self> {
         let scene = room(kind, 0, width, height)?;
         let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
-        let (predicted, truth): (Vec<f64>, Vec<f64>) = depth
-            .iter()
-            .zip(&scene.depth)
-            .filter(|(predicted, truth)| **predicted > 0.0 && **truth > 0.0)
-            .map(|(predicted, truth)| (f64::from(*predicted), f64::from(*truth)))
-            .unzip();
+        let both =
+            Zip::from(&depth).and(&scene.depth).map_collect(|&predicted, &z| predicted > 0.0 && z > 0.0);
+        let [predicted, truth] = [&depth, &scene.depth].map(|map| gather(map.view(), both.view()));
         let missing = 1.0 - predicted.len() as f64 / depth.len().max(1) as f64;
         let correlation = match predicted.is_empty() {
             true => 0.0,

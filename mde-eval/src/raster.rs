@@ -1,5 +1,4 @@
-//! Image operators of the metrics on maps: masks, gradients, Canny edges, distance
-//! transforms, dilation, superpixels.
+//! Image operators of the metrics: masks, gradients and their ridges, distance transforms, dilation.
 
 mod distance;
 mod gradient;
@@ -9,7 +8,7 @@ pub(crate) use gradient::{Gradient, sobel};
 
 use crate::{Error, Result};
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array2, ArrayView2, Axis, s};
 
 /// A map of depths or the like, `[height, width]`.
 pub(crate) type Map<'a> = ArrayView2<'a, f32>;
@@ -21,13 +20,22 @@ pub(crate) type Mask<'a> = ArrayView2<'a, bool>;
 /// What lies outside the image counts as part of the mask, as replicate padding has it. A 3 x 3 operator that is read
 /// only here never reads a masked-out value.
 pub(crate) fn erode(mask: Mask<'_>) -> Array2<bool> {
-    let (height, width) = mask.dim();
-    let rows = Array2::from_shape_fn((height, width), |(y, x)| {
-        mask[(y, x)] && (x == 0 || mask[(y, x - 1)]) && (x + 1 == width || mask[(y, x + 1)])
-    });
-    Array2::from_shape_fn((height, width), |(y, x)| {
-        rows[(y, x)] && (y == 0 || rows[(y - 1, x)]) && (y + 1 == height || rows[(y + 1, x)])
-    })
+    smallest(mask.to_owned(), 1)
+}
+
+/// The smallest value, `false` below `true`, in a square of side `2 * radius + 1` about each pixel, cut off at the border.
+pub(crate) fn smallest<T: Copy + PartialOrd>(mut map: Array2<T>, radius: usize) -> Array2<T> {
+    for axis in [Axis(0), Axis(1)] {
+        for mut line in map.lanes_mut(axis) {
+            let source = line.to_vec();
+            for (at, value) in line.iter_mut().enumerate() {
+                let window = &source[at.saturating_sub(radius)..(at + radius + 1).min(source.len())];
+                *value =
+                    window.iter().fold(*value, |least, other| if *other < least { *other } else { least });
+            }
+        }
+    }
+    map
 }
 
 /// The largest value within `radius` pixels (Euclidean) of each pixel, `[height, width]`.

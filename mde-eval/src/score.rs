@@ -3,11 +3,10 @@
 mod map;
 mod metric;
 mod sigma;
-mod truth;
 
+pub use map::TruthCache;
 pub use metric::{Better, Group, METRICS, Metric};
 pub use sigma::UncertaintyCurves;
-pub use truth::TruthCache;
 
 use crate::align::{Alignment, AlignmentRule};
 use crate::error::check;
@@ -172,11 +171,10 @@ pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
 /// As [`score`].
 pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let (depth, uncertainty) =
-        rayon::join(|| aligned.depth_values(subject.cache), || aligned.uncertainty(subject, alignment));
+    let (depth, uncertainty) = rayon::join(|| aligned.depth_values(), || aligned.uncertainty());
     let (mut values, (of_sigma, curves)) = (depth?, uncertainty?);
     values.extend(of_sigma);
-    Ok(aligned.scores(alignment, values, curves))
+    Ok(aligned.scores(values, curves))
 }
 
 /// Scores of the uncertainty alone, for another sigma of a depth that is scored already. No value where no pixel has an uncertainty.
@@ -189,30 +187,32 @@ pub fn score_uncertainty(
     config: &ScoreConfig,
 ) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let (values, curves) = aligned.uncertainty(subject, alignment)?;
-    Ok(aligned.scores(alignment, values, curves))
+    let (values, curves) = aligned.uncertainty()?;
+    Ok(aligned.scores(values, curves))
 }
 
 type Values = BTreeMap<String, f64>;
 
 /// The values of all metrics that have a finite one.
 fn values(of: impl Fn(Of) -> Result<Option<f64>> + Sync) -> Result<Values> {
-    let value = |metric: &Metric| match of(metric.of) {
-        Ok(value) => value.filter(|value| value.is_finite()).map(|value| Ok((metric.key.to_owned(), value))),
-        Err(error) => Some(Err(error)),
+    let value = |metric: &Metric| {
+        let finite = of(metric.of).map(|value| value.filter(|value| value.is_finite()));
+        finite.map(|value| Some((metric.key.to_owned(), value?))).transpose()
     };
     METRICS.into_par_iter().filter_map(value).collect()
 }
 
 /// Both maps, 0 where a pixel does not count.
-struct Aligned {
+struct Aligned<'s> {
+    subject: Subject<'s>,
+    alignment: Alignment,
     depth: Array2<f32>,
     truth: Array2<f32>,
     pixels: Array2<bool>,
 }
 
-impl Aligned {
-    fn new(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Self> {
+impl<'s> Aligned<'s> {
+    fn new(subject: &Subject<'s>, alignment: &Alignment, config: &ScoreConfig) -> Result<Self> {
         config.validate()?;
         let pixels = subject.pixels(config)?;
         let depth = Zip::from(subject.prediction).and(&pixels).map_collect(|&p, &keep| {
@@ -221,39 +221,32 @@ impl Aligned {
             if keep { clipped as f32 } else { 0.0 }
         });
         let truth = Zip::from(subject.truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
-        Ok(Self { depth, truth, pixels })
+        Ok(Self { subject: *subject, alignment: *alignment, depth, truth, pixels })
     }
 
-    fn depth_values(&self, cache: Option<&TruthCache>) -> Result<Values> {
-        let truth = cache.unwrap_or(&TruthCache::default()).truth(&self.truth, &self.pixels)?;
+    fn depth_values(&self) -> Result<Values> {
+        let truth = self.subject.cache.unwrap_or(&TruthCache::default()).truth(&self.truth, &self.pixels)?;
         let found = DepthMap::new(self.depth.view(), &truth)?;
         values(|of| match of {
             Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
-            Of::Shared(metric) => metric(&found),
+            Of::Shared(metric) => Ok(metric(&found)),
             Of::Errors(_) | Of::Sigma(_) | Of::Evaluation => Ok(None),
         })
     }
 
     /// Values and curves of the uncertainty; nothing where there is none.
-    fn uncertainty(
-        &self,
-        subject: &Subject<'_>,
-        alignment: &Alignment,
-    ) -> Result<(Values, Option<UncertaintyCurves>)> {
-        let Some(sigma) = subject.sigma else { return Ok(Default::default()) };
-        let Some(found) = SigmaMap::new(subject.prediction, sigma, self, alignment)? else {
-            return Ok(Default::default());
-        };
+    fn uncertainty(&self) -> Result<(Values, Option<UncertaintyCurves>)> {
+        let Some(found) = SigmaMap::new(self)? else { return Ok(Default::default()) };
         let values = values(|of| match of {
             Of::Errors(metric) => metric(&found.errors, &found.sigma).map(Some),
-            Of::Sigma(metric) => metric(&found),
+            Of::Sigma(metric) => Ok(metric(&found)),
             Of::Depths(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
         })?;
         Ok((values, Some(found.curves())))
     }
 
-    fn scores(&self, alignment: &Alignment, values: Values, curves: Option<UncertaintyCurves>) -> Scores {
+    fn scores(&self, values: Values, curves: Option<UncertaintyCurves>) -> Scores {
         let pixels = self.pixels.iter().filter(|&&keep| keep).count();
-        Scores { rule: None, alignment: *alignment, pixels, values, curves }
+        Scores { rule: None, alignment: self.alignment, pixels, values, curves }
     }
 }

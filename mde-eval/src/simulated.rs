@@ -6,10 +6,10 @@ pub use model::{SimulatedModel, SimulatedModelConfig};
 
 use crate::Result;
 use crate::error::check;
-use crate::raster::blur_within;
+use crate::raster::{blur_within, smallest};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
-use ndarray::{Array2, ArrayView3, Axis, Zip};
+use ndarray::{Array2, ArrayView3, Zip};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
@@ -114,14 +114,12 @@ impl DepthPrior for SimulatedPrior {
     /// # Errors
     /// [`mde_prior::Error::Input`] for an image of another size.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let (height, width, _) = image.dim();
-        if (height, width) == self.prediction.map.dim() {
+        let ((height, width, _), (rows, columns)) = (image.dim(), self.prediction.map.dim());
+        if (height, width) == (rows, columns) {
             return Ok(self.prediction.clone());
         }
-        let shape = self.prediction.map.dim();
         Err(mde_prior::Error::Input(format!(
-            "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
-            shape.1, shape.0
+            "the simulated prior is {columns}x{rows} but the image is {width}x{height} (width x height); resize the image"
         )))
     }
 }
@@ -129,8 +127,8 @@ impl DepthPrior for SimulatedPrior {
 /// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those.
 fn close(depth: &Array2<f32>, valid: &Array2<bool>, radius: usize) -> Array2<f64> {
     let known = Zip::from(depth).and(valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
-    let grown = erode_by(&known.mapv(|z| -z), radius);
-    let closed = erode_by(&grown.mapv(|z| -z), radius);
+    let grown = smallest(known.mapv(|z| -z), radius);
+    let closed = smallest(-grown, radius);
     // Next to missing pixels nothing may become missing.
     Zip::from(&closed).and(&known).map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
 }
@@ -146,21 +144,6 @@ fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
     let share = blur_within(weight, sigma, radius);
     Zip::from(&mut sum).and(&share).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
     sum
-}
-
-/// The smallest value in a square of side `2 * radius + 1` about each pixel, cut off at the border.
-fn erode_by(map: &Array2<f64>, radius: usize) -> Array2<f64> {
-    let mut out = map.clone();
-    for axis in [Axis(0), Axis(1)] {
-        for mut line in out.lanes_mut(axis) {
-            let source = line.to_vec();
-            for (at, value) in line.iter_mut().enumerate() {
-                let window = &source[at.saturating_sub(radius)..(at + radius + 1).min(source.len())];
-                *value = window.iter().copied().fold(f64::INFINITY, f64::min);
-            }
-        }
-    }
-    out
 }
 
 /// A sum of waves no shorter than [`WAVELENGTH`], of mean 0 and variance 1 over the map, drawn from a purpose, a seed and an iteration.
@@ -208,15 +191,12 @@ mod tests {
     }
 
     #[test]
-    fn without_faults_it_is_the_truth() {
-        let exact = made(&SimulatedPriorConfig { lost_width: 0.0, ..config() });
-        assert!(exact.iter().zip(&truth()).all(|(a, b)| (a - b).abs() < 1e-6));
-    }
-
-    #[test]
-    fn thin_things_vanish_and_wide_ones_stay() {
-        let expected = truth().mapv(|z| if z == 1.0 { 3.0 } else { z });
-        assert!(made(&config()).iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6));
+    fn without_faults_it_is_the_truth_and_else_thin_things_vanish() {
+        let without_pole = truth().mapv(|z| if z == 1.0 { 3.0 } else { z });
+        for (lost_width, expected) in [(0.0, truth()), (0.05, without_pole)] {
+            let made = made(&SimulatedPriorConfig { lost_width, ..config() });
+            assert!(made.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6), "{lost_width}");
+        }
     }
 
     #[test]

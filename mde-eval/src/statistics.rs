@@ -74,8 +74,7 @@ impl Bootstrap {
         self.estimate(what, [values, reference], places, |[x, r]| Some(x - r))?.ok_or(Error::Empty(what))
     }
 
-    /// The ratio of means \\(\sum_s x_s / \sum_s r_s\\) on the same scenes; `None` unless every drawn sum of the reference is
-    /// positive.
+    /// The ratio of means \\(\sum_s x_s / \sum_s r_s\\) on the same scenes; `None` unless every drawn sum of the reference is positive.
     ///
     /// # Errors
     /// As [`Bootstrap::difference`].
@@ -94,25 +93,22 @@ impl Bootstrap {
         self.validate()?;
         check_lists(what, lists.map(|list| -> List<'_> { (what, list, f64::is_finite, "finite") }))?;
         let places = by_place(what, places, lists[0].len())?;
-        let means = |drawn: &mut dyn FnMut() -> usize| {
+        let of_places = |drawn: &mut dyn Iterator<Item = usize>| {
             let (mut sums, mut scenes) = ([0.0; 2], 0_usize);
-            for _ in 0..places.len() {
-                for &scene in &places[drawn()] {
-                    sums.iter_mut().zip(lists).for_each(|(sum, list)| *sum += list[scene]);
-                    scenes += 1;
-                }
+            for &scene in drawn.flat_map(|place| &places[place]) {
+                sums.iter_mut().zip(lists).for_each(|(sum, list)| *sum += list[scene]);
+                scenes += 1;
             }
-            sums.map(|sum| sum / scenes as f64)
+            of(sums.map(|sum| sum / scenes as f64))
         };
-        let mut in_order = 0..places.len();
-        let Some(value) = of(means(&mut || in_order.next().unwrap_or(0))) else { return Ok(None) };
-        let mut drawn = Vec::with_capacity(self.draws);
-        for draw in 0..self.draws {
+        let count = places.len();
+        let Some(value) = of_places(&mut (0..count)) else { return Ok(None) };
+        let drawn = (0..self.draws).map(|draw| {
             // The same places for every method and metric.
             let mut rng = CounterRng::new(self.seed, "bootstrap", draw as u64, 0);
-            let Some(value) = of(means(&mut || rng.random_range(0..places.len()))) else { return Ok(None) };
-            drawn.push(value);
-        }
+            of_places(&mut std::iter::repeat_with(|| rng.random_range(0..count)).take(count))
+        });
+        let Some(mut drawn) = drawn.collect::<Option<Vec<f64>>>() else { return Ok(None) };
         drawn.sort_unstable_by(f64::total_cmp);
         let tail = 0.5 * (1.0 - self.level);
         let end = |p| quantile_sorted(&drawn, p).unwrap_or(value);
@@ -217,9 +213,7 @@ mod tests {
         assert!(matches!(mean(&[1.0, f64::NAN], &[0, 1]), Err(Error::Value { index: 1, .. })));
         assert!(matches!(QUICK.difference(&[1.0], &[], &[0]), Err(Error::Length { .. })));
         assert!(QUICK.ratio(&[1.0], &[0.0], &[0]).unwrap().is_none());
-        assert!(matches!(
-            Bootstrap { draws: 0, ..QUICK }.difference(&[1.0], &[0.0], &[0]),
-            Err(Error::Config { .. })
-        ));
+        let none = Bootstrap { draws: 0, ..QUICK };
+        assert!(matches!(none.difference(&[1.0], &[0.0], &[0]), Err(Error::Config { .. })));
     }
 }

@@ -2,21 +2,17 @@
 
 mod comparison;
 mod document;
-mod failure;
-mod read;
+mod rows;
 mod summary;
-mod text;
 pub(crate) mod verdict;
 mod write;
 
 pub use comparison::{Compared, Comparison};
-pub use document::{Block, Document, Table};
-pub use failure::{Failure, failed};
-pub use read::{SceneScores, read_csv};
+pub use document::{Block, Document, Table, wrapped};
+pub use rows::{SceneScores, csv, inert, original_name, read_csv};
 pub use summary::{MethodSummary, Statistics, Summary};
-pub use text::wrapped;
 pub use verdict::{is_control, verdict};
-pub use write::{csv, document, inert, original_name};
+pub use write::document;
 
 use crate::Result;
 use crate::align::{Alignment, AlignmentRule};
@@ -26,7 +22,7 @@ use crate::score::{ScoreConfig, Scores, Subject, UncertaintyCurves};
 use mde_uncertainty::normal::central_half_width;
 use mde_uncertainty::pooled::{PooledIntervals, share_below};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One method's scores for one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -113,20 +109,20 @@ pub fn calibrate(entries: &mut [Entry]) {
         }
     }
     for own in by_method.into_values() {
-        let mut factors: BTreeMap<String, Option<f64>> = BTreeMap::new();
-        for &index in &own {
-            let place = entries[index].place();
-            if !factors.contains_key(place) {
-                let others = own.iter().map(|&other| &entries[other]).filter(|other| other.place() != place);
-                let quantiles: Vec<Vec<f64>> =
-                    others.filter_map(|other| Some(other.curves.as_ref()?.abs_z_quantiles.clone())).collect();
-                let factor = PooledIntervals::fit(&quantiles).and_then(|table| table.factor(0.9)).ok();
-                factors.insert(place.to_owned(), factor);
-            }
-        }
+        let places: BTreeSet<&str> = own.iter().map(|&index| entries[index].place()).collect();
+        let factor = |place: &str| {
+            let others = own.iter().map(|&other| &entries[other]).filter(|other| other.place() != place);
+            let quantiles: Vec<Vec<f64>> =
+                others.filter_map(|other| Some(other.curves.as_ref()?.abs_z_quantiles.clone())).collect();
+            Some((
+                place.to_owned(),
+                PooledIntervals::fit(&quantiles).and_then(|table| table.factor(0.9)).ok()?,
+            ))
+        };
+        let factors: BTreeMap<String, f64> = places.into_iter().filter_map(factor).collect();
         for index in own {
             let entry = &entries[index];
-            let Some(factor) = factors.get(entry.place()).copied().flatten() else { continue };
+            let Some(factor) = factors.get(entry.place()).copied() else { continue };
             let value = |key: &str| entry.values.get(key).copied();
             let (Some(nll), Some(mean_z2), Some(curves)) = (value("nll"), value("mean_z2"), &entry.curves)
             else {
@@ -142,6 +138,31 @@ pub fn calibrate(entries: &mut [Entry]) {
             found.into_iter().for_each(|(key, value)| entries[index].set(key, value));
         }
     }
+}
+
+/// An error of a scene or of one of its methods.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct Failure {
+    /// The scene.
+    pub scene: String,
+    /// The method; none if the scene itself could not be loaded.
+    pub method: Option<String>,
+    /// What is wrong.
+    pub error: String,
+}
+
+/// What failed, one line for each method and reason.
+pub fn failed(failures: &[Failure]) -> Vec<String> {
+    let mut groups: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
+    for failure in failures {
+        let method = failure.method.as_deref().unwrap_or("all methods");
+        groups.entry((method, &failure.error)).or_default().push(&failure.scene);
+    }
+    let line = |((method, error), scenes): ((&str, &str), Vec<&str>)| match scenes.as_slice() {
+        [scene] => format!("failed: {method} on {scene}: {error}"),
+        scenes => format!("failed: {method} on {} scenes: {error}", scenes.len()),
+    };
+    groups.into_iter().map(line).collect()
 }
 
 #[cfg(test)]
@@ -212,6 +233,16 @@ pub(crate) mod tests {
         }
     }
 
+    #[test]
+    fn equal_failures_take_one_line() {
+        let failure = |scene: &str, method: Option<&str>, error: &str| Failure {
+            scene: scene.to_owned(),
+            method: method.map(str::to_owned),
+            error: error.to_owned(),
+        };
+        let all = [failure("a", Some("zoom"), "x"), failure("b", Some("zoom"), "x"), failure("a", None, "y")];
+        assert_eq!(failed(&all), ["failed: all methods on a: y", "failed: zoom on 2 scenes: x"]);
+    }
     #[test]
     fn a_scene_twice_is_a_fault() {
         let mut entries = entries();

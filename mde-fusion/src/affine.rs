@@ -1,4 +1,4 @@
-use crate::gaussian::relative_precision;
+use crate::gaussian::{least_variance, relative_precision};
 use crate::{Gaussian, Sample};
 
 /// The map from the views' depth to the prior's: \\(\tilde D_r = a\\,\mu_r^{\mathrm{agg}} + b\\) (Eq. 10).
@@ -53,19 +53,15 @@ pub struct AffineFit {
 /// there are any, they alone count, which is the limit. `None` where the line is not determined: fewer than two samples, or all
 /// weight on one value of \\(u\\).
 pub fn affine_wls(samples: &[Sample]) -> Option<AffineFit> {
-    let least = least_variance(samples);
-    Line::new(samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v)))?.fit()
+    let line = Line::new(samples)?;
+    let a = line.suv / line.suu;
+    let b = line.mean_v - a * line.mean_u;
+    (a.is_finite() && b.is_finite()).then(|| line.describe(Affine { a, b }))
 }
 
 /// The diagnostics of [`affine_wls`] for a given map.
 pub(crate) fn diagnose(samples: &[Sample], affine: Affine) -> Option<AffineFit> {
-    let least = least_variance(samples);
-    let weighted = samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v));
-    Some(Line::new(weighted)?.describe(affine))
-}
-
-fn least_variance(samples: &[Sample]) -> f64 {
-    samples.iter().map(|s| s.variance).fold(f64::INFINITY, f64::min)
+    Some(Line::new(samples)?.describe(affine))
 }
 
 /// Centred weighted sums of pairs \\((u, v)\\).
@@ -81,8 +77,10 @@ struct Line {
 }
 
 impl Line {
-    /// Sums of `(p, u, v)`; `None` without positive weight.
-    fn new(points: impl Iterator<Item = (f64, f64, f64)> + Clone) -> Option<Self> {
+    /// Sums with weights relative to the largest; `None` without positive weight.
+    fn new(samples: &[Sample]) -> Option<Self> {
+        let least = least_variance(samples.iter().map(|s| s.variance));
+        let points = samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v));
         // About the first point, so that the sums of a constant are exactly constant.
         let (_, u0, v0) = points.clone().find(|(p, ..)| *p > 0.0)?;
         let (mut sum_p, mut sum_pp, mut mean_u, mut mean_v) = (0.0, 0.0, 0.0, 0.0);
@@ -103,12 +101,6 @@ impl Line {
         Some(Self { sum_p, sum_pp, mean_u, mean_v, suu, suv, svv })
     }
 
-    fn fit(&self) -> Option<AffineFit> {
-        let a = self.suv / self.suu;
-        let b = self.mean_v - a * self.mean_u;
-        (a.is_finite() && b.is_finite()).then(|| self.describe(Affine { a, b }))
-    }
-
     fn describe(&self, affine: Affine) -> AffineFit {
         let correlation = self.suv / (self.suu.sqrt() * self.svv.sqrt());
         let total = self.suu + self.sum_p * self.mean_u * self.mean_u;
@@ -126,25 +118,18 @@ const CONSTANT: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
 /// Why the fit to `samples` is refused as a calibration. A fit of `None` is not determined.
 pub(crate) fn degenerate(samples: &[Sample], fit: Option<&AffineFit>) -> Option<Degenerate> {
-    match fit {
-        _ if samples.len() < 2 => Some(Degenerate::Support { found: samples.len() }),
-        None => Some(Degenerate::Singular { relative_spread: 0.0 }),
-        Some(fit) if fit.relative_spread <= CONSTANT => {
-            Some(Degenerate::Singular { relative_spread: fit.relative_spread })
-        }
-        Some(AffineFit { affine: Affine { a, .. }, .. }) => {
-            (!(*a > 0.0 && a.is_finite())).then_some(Degenerate::Scale { a: *a })
-        }
+    let (spread, a) = fit.map_or((0.0, 0.0), |fit| (fit.relative_spread, fit.affine.a));
+    match samples.len() {
+        found @ ..2 => Some(Degenerate::Support { found }),
+        _ if spread <= CONSTANT => Some(Degenerate::Singular { relative_spread: spread }),
+        _ => (!(a > 0.0 && a.is_finite())).then_some(Degenerate::Scale { a }),
     }
 }
 
 /// Why a calibration was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(tag = "reason", rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "reason", rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub enum Degenerate {
     /// Too few pixels where both the prior and a view have a depth.

@@ -1,4 +1,4 @@
-use crate::gaussian::{relative_precision, to_f32};
+use crate::gaussian::{least_variance, relative_precision, to_f32};
 use crate::{Error, Gaussian, Result};
 use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
@@ -87,7 +87,8 @@ fn combine(estimates: &[Gaussian], rule: Aggregation) -> Option<Gaussian> {
 /// that no precision overflows. Estimates of variance 0 are exact: their plain mean is the limit, with variance 0.
 pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
     let first = estimates.first()?;
-    let least = Some(least_variance(estimates)).filter(|least| least.is_finite())?;
+    let least =
+        Some(least_variance(estimates.iter().map(|g| g.variance))).filter(|least| least.is_finite())?;
     let (mut tau, mut offset) = (0.0, 0.0);
     // About the first estimate: equal estimates then give exactly themselves.
     for g in estimates {
@@ -110,7 +111,7 @@ pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
 ///
 /// `mean` is \\(\mu_r^{\mathrm{agg}}\\). 0 without estimates.
 pub(crate) fn mixture_variance(estimates: &[Gaussian], mean: f64) -> f64 {
-    let least = least_variance(estimates);
+    let least = least_variance(estimates.iter().map(|g| g.variance));
     let (mut tau, mut second) = (0.0, 0.0);
     for g in estimates {
         let weight = relative_precision(least, g.variance);
@@ -119,8 +120,4 @@ pub(crate) fn mixture_variance(estimates: &[Gaussian], mean: f64) -> f64 {
         second += least + weight * (g.mean - mean).powi(2);
     }
     if tau > 0.0 { second / tau } else { 0.0 }
-}
-
-fn least_variance(estimates: &[Gaussian]) -> f64 {
-    estimates.iter().map(|g| g.variance).fold(f64::INFINITY, f64::min)
 }

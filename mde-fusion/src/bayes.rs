@@ -65,11 +65,6 @@ impl BayesFuser {
         Ok(Self { config })
     }
 
-    /// The choices.
-    pub fn config(&self) -> &FusionConfig {
-        &self.config
-    }
-
     fn aggregate(&self, views: &[GaussianDepth], (height, width): (usize, usize)) -> Result<GaussianDepth> {
         let config = &self.config;
         if views.is_empty() {

@@ -2,11 +2,8 @@ use crate::{Aggregation, Error, Result};
 
 /// The choices of the fusion. The default is [`paper`](Self::paper).
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
 pub struct FusionConfig {
     /// Variance of the views: their own, or one constant for all.
     pub variance: VarianceRule,
@@ -67,67 +64,53 @@ impl FusionConfig {
         {
             check(field, value, unit.contains(&value), fraction)?;
         }
-        let kappa = self.kappa;
-        check(
-            "fusion.kappa",
-            kappa,
-            kappa > 0.0 && kappa.is_finite(),
-            "give a positive fraction, such as 0.1",
-        )
+        let positive = self.kappa > 0.0 && self.kappa.is_finite();
+        check("fusion.kappa", self.kappa, positive, "give a positive fraction, such as 0.1")
     }
 }
 
-macro_rules! choice {
-    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident),+ $(,)? }) => {
-        $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
-        pub enum $name { $($(#[$variant_doc])* $variant),+ }
-    };
+/// Variance of the views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum VarianceRule {
+    /// Their own.
+    #[default]
+    Computed,
+    /// One constant: the median of the variances of all views at all pixels that are not missing.
+    ConstantMedian,
 }
 
-choice! {
-    /// Variance of the views.
-    VarianceRule {
-        /// Their own.
-        #[default]
-        Computed,
-        /// One constant: the median of the variances of all views at all pixels that are not missing.
-        ConstantMedian,
-    }
+/// Fit of the affine map of Eq. 10.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Calibration {
+    /// Weighted least squares, Eq. 11-13.
+    #[default]
+    Wls,
+    /// None: \\(a = 1\\), \\(b = 0\\).
+    None,
 }
 
-choice! {
-    /// Fit of the affine map of Eq. 10.
-    Calibration {
-        /// Weighted least squares, Eq. 11-13.
-        #[default]
-        Wls,
-        /// None: \\(a = 1\\), \\(b = 0\\).
-        None,
-    }
+/// Estimate of the prior's variance \\(\sigma_o^2\\).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum PriorVariance {
+    /// Moments, Eq. 15.
+    #[default]
+    Moments,
+    /// The median over \\(\mathcal X\\) of \\(a^2 (\sigma_r^2)^{\mathrm{agg}}\\): weight 1/2 at the median pixel.
+    FixedMedian,
+    /// \\((\kappa \operatorname{median} D_o)^2\\).
+    FixedRelative,
 }
 
-choice! {
-    /// Estimate of the prior's variance \\(\sigma_o^2\\).
-    PriorVariance {
-        /// Moments, Eq. 15.
-        #[default]
-        Moments,
-        /// The median over \\(\mathcal X\\) of \\(a^2 (\sigma_r^2)^{\mathrm{agg}}\\): weight 1/2 at the median pixel.
-        FixedMedian,
-        /// \\((\kappa \operatorname{median} D_o)^2\\).
-        FixedRelative,
-    }
-}
-
-choice! {
-    /// Rule that combines the prior and the calibrated views.
-    Fusion {
-        /// The posterior, Eq. 16-17.
-        #[default]
-        Bayes,
-        /// The calibrated views where there are any, else the prior: the limit \\(\sigma_o^2 \to \infty\\).
-        NerfOnly,
-    }
+/// Rule that combines the prior and the calibrated views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Fusion {
+    /// The posterior, Eq. 16-17.
+    #[default]
+    Bayes,
+    /// The calibrated views where there are any, else the prior: the limit \\(\sigma_o^2 \to \infty\\).
+    NerfOnly,
 }

@@ -33,6 +33,11 @@ pub(crate) fn to_f32(value: f64) -> f32 {
     (value as f32).clamp(f32::MIN, f32::MAX)
 }
 
+/// The least of the variances; infinite without any.
+pub(crate) fn least_variance(variances: impl Iterator<Item = f64>) -> f64 {
+    variances.fold(f64::INFINITY, f64::min)
+}
+
 /// A precision relative to that of the least variance: in 0 to 1 where a plain reciprocal could overflow. Where the
 /// least variance is 0, only estimates as exact as it count.
 #[inline]

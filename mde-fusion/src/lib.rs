@@ -1,4 +1,4 @@
-//! Fusion of a monocular depth map with the depth that a radiance field renders (Eq. 7-17).
+#![doc = include_str!("../README.md")]
 //!
 //! The prior \\(D_o\\) is accurate at low frequencies and blurred at edges; the rendered views have a variance per pixel. The
 //! views are averaged by precision (Eq. 7-8) and mapped affinely onto the prior (Eq. 10-13), the variance of the prior is
@@ -24,16 +24,12 @@
 //! assert!((refined.mean - 3.24).abs() < 1e-12 && (refined.variance - 0.008).abs() < 1e-12);
 //! ```
 //!
-//! Depth is z in the prior's unit, variance in that unit squared. Maps are `[height, width]` and never NaN. An infinite variance
-//! (\\(\tau = 0\\)) is a missing pixel, a variance of 0 an exact depth; a prior whose error is not known has no variance at all
-//! ([`Prior::new`]). Sums are `f64`, in a fixed order. Feature: `serde`, for configuration and
-//! report.
+//! Maps are `[height, width]` and never NaN; variance is in the depth's unit squared. Sums are `f64`, in a fixed order.
 
 mod affine;
 mod aggregate;
 mod bayes;
 mod config;
-mod empirical_bayes;
 mod error;
 mod gaussian;
 mod posterior;
@@ -48,7 +44,6 @@ pub use affine::{Affine, AffineFit, Degenerate, affine_wls};
 pub use aggregate::{Aggregation, aggregate, precision_weighted};
 pub use bayes::{BayesFuser, Fused, Fuser};
 pub use config::{Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
-pub use empirical_bayes::empirical_bayes;
 pub use error::{Error, Result};
 pub use gaussian::{Gaussian, Sample};
 pub use mde_uncertainty::GaussianDepth;
@@ -56,9 +51,5 @@ pub use ndarray;
 pub use posterior::posterior;
 pub use prior::Prior;
 pub use report::{FusionReport, Warning};
-pub use residual::{Residual, residuals};
+pub use residual::{Residual, empirical_bayes, residuals};
 pub use robust::{LinePoint, RobustLine};
-
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;

@@ -67,11 +67,8 @@ impl FusionReport {
 
 /// An unusual result in a [`FusionReport`].
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(tag = "warning", rename_all = "kebab-case")
-)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "warning", rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub enum Warning {
     /// The calibration was refused.

@@ -1,7 +1,11 @@
 use mde_warp::PosedView;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, NdFloat, Zip};
+use rayon::prelude::*;
 
 use crate::Result;
+
+/// Rows or columns that a task of a filter takes together.
+const STRIP: usize = 64;
 
 /// Luma of sRGB colours (Rec. 601), `[height, width]`.
 pub(crate) fn luma(image: ArrayView3<'_, f32>) -> Array2<f32> {
@@ -59,6 +63,11 @@ pub(crate) fn shrink(image: ArrayView3<'_, f32>, height: usize, width: usize) ->
     small
 }
 
+/// The same of a single channel.
+pub(crate) fn shrink_map(map: ArrayView2<'_, f32>, height: usize, width: usize) -> Array2<f32> {
+    shrink(map.insert_axis(Axis(2)), height, width).remove_axis(Axis(2))
+}
+
 /// The index of the source sample nearest to the middle of each of `to` target samples.
 fn nearest(from: usize, to: usize) -> Vec<usize> {
     (0..to).map(|i| (((i as f64 + 0.5) * from as f64 / to as f64) as usize).min(from - 1)).collect()
@@ -74,13 +83,12 @@ pub(crate) fn pick<T: Copy>(map: ArrayView2<'_, T>, height: usize, width: usize)
 pub(crate) fn enlarge(map: &Array2<f32>, height: usize, width: usize) -> Array2<f32> {
     let (h, w) = map.dim();
     let places = |from: usize, to: usize| -> Vec<(usize, usize, f32)> {
-        (0..to)
-            .map(|i| {
-                let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
-                let below = at as usize;
-                (below, (below + 1).min(from - 1), (at - below as f64) as f32)
-            })
-            .collect()
+        let place = |i: usize| {
+            let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
+            let below = at as usize;
+            (below, (below + 1).min(from - 1), (at - below as f64) as f32)
+        };
+        (0..to).map(place).collect()
     };
     let (rows, columns) = (places(h, height), places(w, width));
     Array2::from_shape_fn((height, width), |(y, x)| {
@@ -97,11 +105,34 @@ pub(crate) fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Ar
         return map.to_owned();
     }
     let whole = map.iter().all(|z| *z > 0.0 && z.is_finite());
-    if whole {
-        let cube = map.insert_axis(Axis(2));
-        shrink(cube, h, w).index_axis_move(Axis(2), 0)
-    } else {
-        pick(*map, h, w)
+    if whole { shrink_map(*map, h, w) } else { pick(*map, h, w) }
+}
+
+/// The domain transform's recursive filter (Gastal and Oliveira, 2011) of `N` maps at once, both ways along rows, then along columns. By the
+/// shares that `feedback` has across and down, a pixel moves towards the one on its left and above it; on the way back, that one towards it.
+pub(crate) fn recursive_filter<T: NdFloat, const N: usize>(
+    maps: &mut Array2<[T; N]>,
+    feedback: &[Array2<T>; 2],
+) {
+    let towards = |from: &[T; N], share: T, here: &mut [T; N]| {
+        here.iter_mut().zip(from).for_each(|(here, from)| *here += share * (*from - *here));
+    };
+    for (along, beside, shares) in [(Axis(1), Axis(0), &feedback[0]), (Axis(0), Axis(1), &feedback[1])] {
+        let strips = maps.axis_chunks_iter_mut(beside, STRIP).zip(shares.axis_chunks_iter(beside, STRIP));
+        let mut strips: Vec<_> = strips.collect();
+        strips.par_iter_mut().for_each(|(maps, shares)| {
+            let mut between = |i: usize, back: bool| {
+                let (before, after) = maps.view_mut().split_at(along, i);
+                let lines = (before.index_axis_move(along, i - 1), after.index_axis_move(along, 0));
+                Zip::from(lines.0).and(lines.1).and(shares.index_axis(along, i)).for_each(
+                    |before, here, &share| {
+                        if back { towards(here, share, before) } else { towards(before, share, here) }
+                    },
+                );
+            };
+            (1..shares.len_of(along)).for_each(|i| between(i, false));
+            (1..shares.len_of(along)).rev().for_each(|i| between(i, true));
+        });
     }
 }
 

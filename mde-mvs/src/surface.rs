@@ -78,10 +78,8 @@ pub fn surface(views: &[DepthView<'_>]) -> Result<Surface> {
     let voxels = grid.fused(views);
     let least = SHOWN.min(views.len() as u8);
     // Where no photograph shows anything there is no surface either: NaN is on neither side of it.
-    let distances: Vec<f32> = voxels
-        .iter()
-        .map(|voxel| if voxel.shown >= least { voxel.distance / voxel.weight } else { f32::NAN })
-        .collect();
+    let distance = |v: &Voxel| if v.shown >= least { v.distance / v.weight } else { f32::NAN };
+    let distances: Vec<f32> = voxels.iter().map(distance).collect();
     let size = grid.size.map(|side| side as u32);
     let shape = RuntimeShape::<u32, 3>::new(size);
     let mut nets = SurfaceNetsBuffer::default();
@@ -133,9 +131,7 @@ impl Grid {
                 for (at, voxel) in layer.iter_mut().enumerate() {
                     let cell = [at % wide, at / wide, z].map(|index| index as f64);
                     let point = view.pose * self.centre(cell);
-                    let Some(pixel) = (point.z > 0.0).then(|| view.camera.project(&point)).flatten() else {
-                        continue;
-                    };
+                    let Some(pixel) = view.camera.project(&point) else { continue };
                     let (x, y) = (pixel.x.round(), pixel.y.round());
                     if x < 0.0 || y < 0.0 {
                         continue;

@@ -67,11 +67,8 @@ pub(crate) fn render(
     let mut image = Array3::zeros((h, w, 3));
     for ((y, x), z) in depth.indexed_iter_mut() {
         let ray = back.rotation * camera.ray(Point2::new(x as f64, y as f64));
-        let hit = planes
-            .iter()
-            .map(|p| (p.offset - p.normal.dot(&centre)) / p.normal.dot(&ray))
-            .filter(|t| *t > 0.0)
-            .fold(f64::INFINITY, f64::min);
+        let hits = planes.iter().map(|p| (p.offset - p.normal.dot(&centre)) / p.normal.dot(&ray));
+        let hit = hits.filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
         *z = hit as f32;
         for (c, value) in texture(Point3::from(centre + ray * hit), period).into_iter().enumerate() {
             image[(y, x, c)] = value;
@@ -106,8 +103,7 @@ pub(crate) fn room(unit: f32) -> (Vec<PosedView>, Vec<Array2<f32>>, Vec<Array2<f
     let planes = [Plane::slanted(2.0, 0.5, 0.1), Plane::slanted(2.1, -0.6, 0.0)];
     let (views, depths) = scene(&planes, (72, 96), &CENTRES);
     let bend = |x: usize| 1.0 + 0.2 * (x as f32 / 15.0).sin();
-    let priors =
-        depths.iter().map(|d| Array2::from_shape_fn(d.dim(), |(y, x)| unit * bend(x + y / 2) * d[(y, x)]));
-    let priors = priors.collect();
+    let wave = Array2::from_shape_fn((72, 96), |(y, x)| unit * bend(x + y / 2));
+    let priors = depths.iter().map(|depth| &wave * depth).collect();
     (views, depths, priors)
 }

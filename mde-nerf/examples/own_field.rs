@@ -30,23 +30,14 @@ impl RadianceField for Surface {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
-    let depth = GaussianDepth::new(
-        Array2::from_shape_fn((48, 64), |(_, x)| 1.0 + 0.02 * x as f32),
-        Array2::zeros((48, 64)),
-    )?;
-    let view = PosedView::new(
-        Array3::zeros((48, 64, 3)),
-        camera,
-        Pose::identity(),
-        Array2::from_elem((48, 64), true),
-        vec![depth],
-    )?;
+    let slant = Array2::from_shape_fn((48, 64), |(_, x)| 1.0 + 0.02 * x as f32);
+    let depth = GaussianDepth::new(slant, Array2::zeros((48, 64)))?;
+    let (image, mask) = (Array3::zeros((48, 64, 3)), Array2::from_elem((48, 64), true));
+    let view = PosedView::new(image, camera, Pose::identity(), mask, vec![depth])?;
     let mut field: Box<dyn RadianceField> = Box::new(Surface::default());
     field.fit(&[view], &mut Silent)?;
     let rendered = field.render(&camera, &Pose::translation(0.1, 0.0, 0.0), &mut Silent)?;
-    println!(
-        "{:.1} % of the pixels are covered from 0.1 to the side",
-        100.0 * rendered.opacity.mean().unwrap_or(0.0)
-    );
+    let covered = 100.0 * rendered.opacity.mean().unwrap_or(0.0);
+    println!("{covered:.1} % of the pixels are covered from 0.1 to the side");
     Ok(())
 }

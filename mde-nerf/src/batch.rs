@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// The valid pixels of all views.
 pub(crate) struct Pixels<'v> {
-    views: &'v [PosedView],
+    pub(crate) views: &'v [PosedView],
     frustum: &'v Frustum,
     /// Per view the least depth at which its rays begin, where rays are clipped; the volume alone limits view 0.
     nearest: Vec<f64>,
@@ -30,15 +30,12 @@ impl<'v> Pixels<'v> {
         let begin =
             |(index, view): (usize, &PosedView)| if index == 0 { 0.0 } else { Frustum::nearest_of(view) };
         let nearest: Vec<f64> = views.iter().enumerate().map(begin).collect();
-        let trainable: Vec<Vec<u32>> = (views.par_iter().enumerate())
-            .map(|(index, view)| {
-                let valid = view.mask.iter().enumerate().filter(|(_, valid)| **valid).map(|(pixel, _)| pixel);
-                valid
-                    .filter(|&pixel| inside(frustum, view, pixel, nearest[index], index == 0))
-                    .map(|pixel| pixel as u32)
-                    .collect()
-            })
-            .collect();
+        let of_view = |(index, view): (usize, &PosedView)| {
+            let valid = view.mask.iter().enumerate().filter(|(_, valid)| **valid).map(|(pixel, _)| pixel);
+            let seen = valid.filter(|&pixel| inside(frustum, view, pixel, nearest[index], index == 0));
+            seen.map(|pixel| pixel as u32).collect()
+        };
+        let trainable: Vec<Vec<u32>> = views.par_iter().enumerate().map(of_view).collect();
         let others: Vec<usize> = (1..views.len()).filter(|&v| !trainable[v].is_empty()).collect();
         let original_share = match (trainable.first().is_none_or(Vec::is_empty), others.is_empty()) {
             (true, true) => return Err(Error::NoPixels),
@@ -73,33 +70,20 @@ impl<'v> Pixels<'v> {
     fn ray(&self, view: usize, pixel: u32, background: [f64; 3], rng: Option<CounterRng>) -> (March, Target) {
         let posed = &self.views[view];
         let (row, column) = (pixel as usize / posed.camera.width, pixel as usize % posed.camera.width);
-        let depths: Vec<(f64, f64)> = posed
-            .hypotheses
-            .iter()
-            .filter_map(|h| h.get(row, column))
-            .filter(|&(mean, _)| mean > 0.0)
-            .map(|(mean, variance)| (f64::from(mean), f64::from(variance)))
-            .collect();
+        let known =
+            posed.hypotheses.iter().filter_map(|h| h.get(row, column)).filter(|&(mean, _)| mean > 0.0);
+        let depths: Vec<(f64, f64)> = known.map(|(mean, variance)| (mean.into(), variance.into())).collect();
         let ray = Ray::new(&posed.camera, &posed.pose, column as f64, row as f64);
-        let march = March {
-            ray,
-            interval: self.frustum.interval(&ray, self.nearest[view]),
-            guess: depths.first().map(|d| d.0),
-            background,
-            rng,
-        };
+        let interval = self.frustum.interval(&ray, self.nearest[view]);
+        let guess = depths.first().map(|d| d.0);
         let colour = std::array::from_fn(|axis| f64::from(posed.image[(row, column, axis)]));
-        (march, Target { colour, depths })
-    }
-
-    pub(crate) fn view_count(&self) -> usize {
-        self.views.len()
+        (March { ray, interval, guess, background, rng }, Target { colour, depths })
     }
 }
 
 /// Whether the ray of a pixel meets the volume and, except for the original view, its first hypothesis lies inside.
 fn inside(frustum: &Frustum, view: &PosedView, pixel: usize, nearest: f64, original: bool) -> bool {
-    if !frustum.is_clipped() {
+    if !frustum.clipped {
         return true;
     }
     let (row, column) = (pixel / view.camera.width, pixel % view.camera.width);
@@ -122,25 +106,22 @@ mod tests {
 
     /// A view whose red channel is `red`; one pixel in five is not valid.
     fn view(red: f32) -> PosedView {
-        PosedView::new(
-            Array3::from_shape_fn(
-                (SIZE.0, SIZE.1, 3),
-                |(_, _, channel)| if channel == 0 { red } else { 0.0 },
-            ),
-            PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap(),
-            Pose::identity(),
-            Array2::from_shape_fn(SIZE, |(y, x)| !(y * SIZE.1 + x).is_multiple_of(5)),
-            Vec::new(),
-        )
-        .unwrap()
+        let (height, width) = SIZE;
+        let image = Array3::from_shape_fn((height, width, 3), |(_, _, c)| if c == 0 { red } else { 0.0 });
+        let camera = PinholeCamera::from_fov(60.0, width, height).unwrap();
+        let mask = Array2::from_shape_fn(SIZE, |(y, x)| !(y * width + x).is_multiple_of(5));
+        PosedView::new(image, camera, Pose::identity(), mask, Vec::new()).unwrap()
+    }
+
+    fn depths_1_to_4(volume: VolumeConfig) -> SamplingConfig {
+        SamplingConfig { near: Some(1.0), far: Some(4.0), volume, ..SamplingConfig::default() }
     }
 
     #[test]
     fn rays_are_drawn_from_valid_pixels_and_view_0_gets_its_share() {
         let views = [view(0.0), view(0.5), view(1.0)];
         let config = TrainConfig { original_share: 0.4, ..TrainConfig::default() };
-        let sampling = SamplingConfig { near: Some(1.0), far: Some(4.0), ..SamplingConfig::default() };
-        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let frustum = Frustum::of_views(&views, &depths_1_to_4(VolumeConfig::Hull)).unwrap();
         let pixels = Pixels::new(&views, &frustum, &config).unwrap();
         let mut counts = [0; 3];
         let draws = 5000;
@@ -175,13 +156,7 @@ mod tests {
             at(aside, 9.0),
             at(Pose::identity(), 9.0),
         ];
-        let sampling = SamplingConfig {
-            near: Some(1.0),
-            far: Some(4.0),
-            volume: VolumeConfig::Reference,
-            ..SamplingConfig::default()
-        };
-        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let frustum = Frustum::of_views(&views, &depths_1_to_4(VolumeConfig::Reference)).unwrap();
         let pixels = Pixels::new(&views, &frustum, &TrainConfig::default()).unwrap();
         let valid = views[0].mask.iter().filter(|valid| **valid).count();
         let counts: Vec<usize> = pixels.trainable.iter().map(Vec::len).collect();
@@ -194,9 +169,7 @@ mod tests {
         assert!((0..200).all(|index| pixels.draw(0, 0, index).0.interval.is_some()));
         // The original view keeps a pixel whose hypothesis is beyond far.
         let beyond = [at(Pose::identity(), 9.0)];
-        assert_eq!(
-            Pixels::new(&beyond, &frustum, &TrainConfig::default()).unwrap().trainable[0].len(),
-            valid
-        );
+        let beyond = Pixels::new(&beyond, &frustum, &TrainConfig::default()).unwrap();
+        assert_eq!(beyond.trainable[0].len(), valid);
     }
 }

@@ -238,17 +238,13 @@ impl NerfConfig {
             FieldConfig::Hash(f) => {
                 let features = if f.features.is_power_of_two() { 1.0..=8.0 } else { NONE };
                 let finest = f64::from(f.coarsest)..=65536.0;
+                let finer = "give at least field.coarsest and at most 65536 cells";
                 vec![
                     ("field.levels", n(f.levels), 1.0..=24.0, "give 1 to 24 grids"),
                     ("field.features", n(f.features), features, "give 1, 2, 4 or 8"),
                     ("field.log2-rows", f.log2_rows.into(), 4.0..=24.0, "give 4 to 24"),
                     ("field.coarsest", f.coarsest.into(), 1.0..=65536.0, "give 1 to 65536 cells"),
-                    (
-                        "field.finest",
-                        f.finest.into(),
-                        finest,
-                        "give at least field.coarsest and at most 65536 cells",
-                    ),
+                    ("field.finest", f.finest.into(), finest, finer),
                     ("field.layers", n(f.layers), 1.0..=8.0, "give 1 to 8 hidden layers"),
                     ("field.width", n(f.width), 1.0..=1024.0, "give a width of 1 to 1024"),
                 ]

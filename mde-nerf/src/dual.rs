@@ -1,11 +1,10 @@
 //! Dual numbers: the exact derivative of generic code in one direction, as the oracle of the hand-derived adjoints.
 
-use crate::gemm::{Epilogue, Shape, matmul_plain, outer_plain};
 use crate::scalar::Scalar;
 use mde_uncertainty::Real;
 use std::cmp::Ordering;
 use std::iter::Sum;
-use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 /// \\(x + x' \varepsilon\\) with \\(\varepsilon^2 = 0\\): a value and its derivative in one direction. Comparisons, `max`, `min`
 /// and truncation go by the value.
@@ -81,12 +80,6 @@ impl AddAssign for Dual {
     }
 }
 
-impl SubAssign for Dual {
-    fn sub_assign(&mut self, other: Self) {
-        *self = *self - other;
-    }
-}
-
 impl Sum for Dual {
     fn sum<I: Iterator<Item = Self>>(terms: I) -> Self {
         terms.fold(Self::ZERO, Self::add)
@@ -131,18 +124,6 @@ impl Real for Dual {
 }
 
 impl Scalar for Dual {
-    fn matmul(x: &[Self], w: &[Self], y: &mut [Self], shape: Shape, epilogue: Epilogue<'_, Self>) {
-        matmul_plain(x, w, y, shape, epilogue);
-    }
-
-    fn outer(x: &[Self], dy: &[Self], dw: &mut [Self], shape: Shape) {
-        outer_plain(x, dy, dw, shape);
-    }
-
-    fn fast_exp(self) -> Self {
-        self.exp()
-    }
-
     fn sin_pi(self) -> Self {
         self.chain(self.value.sin_pi(), std::f64::consts::PI * self.value.cos_pi())
     }
@@ -151,20 +132,12 @@ impl Scalar for Dual {
         self.chain(self.value.cos_pi(), -std::f64::consts::PI * self.value.sin_pi())
     }
 
-    fn mul_add(self, a: Self, b: Self) -> Self {
-        self * a + b
-    }
-
     fn to_index(self) -> u32 {
         self.value as u32
     }
 
     fn from_index(index: u32) -> Self {
         Self::from_f64(f64::from(index))
-    }
-
-    fn vectorized<R>(op: impl FnOnce() -> R) -> R {
-        op()
     }
 }
 

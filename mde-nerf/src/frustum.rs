@@ -37,7 +37,7 @@ pub(crate) struct Frustum {
     /// The unit of path lengths: the scene's median depth.
     pub(crate) unit: f64,
     /// Whether rays are clipped to the volume.
-    clipped: bool,
+    pub(crate) clipped: bool,
 }
 
 /// The sampled part of a ray, by z-depth in its camera.
@@ -196,10 +196,6 @@ impl Frustum {
         (high.is_finite() && high > low * (1.0 + 1e-5)).then_some(Interval { near: low, far: high, unit })
     }
 
-    pub(crate) fn is_clipped(&self) -> bool {
-        self.clipped
-    }
-
     /// The lower end of a view's rays: 0.75 times the 0.5 % quantile of its hypotheses, 0 where it has none.
     pub(crate) fn nearest_of(view: &PosedView) -> f64 {
         nearest_rank_sorted(&known_depths(view), QUANTILES[0])
@@ -286,13 +282,9 @@ fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64,
 
 /// The known positive depths of all hypotheses of a view, sorted.
 fn known_depths(view: &PosedView) -> Vec<f32> {
-    let mut depths: Vec<f32> = view
-        .hypotheses
-        .iter()
-        .flat_map(|h| h.mean().into_iter().copied().zip(h.variance().into_iter().copied()))
-        .filter(|&(mean, variance)| variance.is_finite() && mean > 0.0)
-        .map(|(mean, _)| mean)
-        .collect();
+    let pixels = view.hypotheses.iter().flat_map(|h| h.mean().into_iter().zip(h.variance()));
+    let known = pixels.filter(|(mean, variance)| variance.is_finite() && **mean > 0.0);
+    let mut depths: Vec<f32> = known.map(|(mean, _)| *mean).collect();
     depths.sort_unstable_by(f32::total_cmp);
     depths
 }
@@ -301,6 +293,7 @@ fn known_depths(view: &PosedView) -> Vec<f32> {
 mod tests {
     use super::*;
     use mde_uncertainty::GaussianDepth;
+    use mde_warp::proptest::pose;
     use ndarray::{Array2, Array3};
     use proptest::prelude::*;
 
@@ -311,10 +304,6 @@ mod tests {
         let hypothesis = GaussianDepth::new(depth, Array2::zeros((12, 16))).unwrap();
         let mask = Array2::from_elem((12, 16), true);
         PosedView::new(Array3::zeros((12, 16, 3)), camera, pose, mask, vec![hypothesis]).unwrap()
-    }
-
-    fn pose() -> impl Strategy<Value = Pose> {
-        mde_warp::proptest::pose(0.05, 3.0)
     }
 
     /// The depth at a fraction `x` of the interval, in disparity.
@@ -331,7 +320,7 @@ mod tests {
         /// depth lies between near and far too.
         #[test]
         fn samples_are_inside_the_cube(
-            original in pose(), other in pose(), far in mde_warp::proptest::pose(1.0, 60.0),
+            original in pose(0.05, 3.0), other in pose(0.05, 3.0), far in pose(1.0, 60.0),
             x in -0.5..15.5_f64, y in -0.5..11.5_f64, s in 0.0..=1.0_f64,
         ) {
             let views = [view(original, 1.0, 5.0), view(other * original, 1.0, 5.0)];
@@ -369,7 +358,7 @@ mod tests {
         /// image with its margin and its depth there between near and far.
         #[test]
         fn the_interval_of_a_clipped_ray_is_the_set_of_its_points_in_the_volume(
-            original in mde_warp::proptest::pose(1.0, 180.0), other in mde_warp::proptest::pose(2.0, 120.0),
+            original in pose(1.0, 180.0), other in pose(2.0, 120.0),
             x in -0.5..15.5_f64, y in -0.5..11.5_f64,
         ) {
             let reference = view(original, 1.0, 5.0);

@@ -5,7 +5,7 @@
 //! (chosen at run time); the plain loops for any scalar are the reference.
 
 use mde_uncertainty::Real;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// Widths are padded to a multiple of this: one AVX-512 register of `f32`.
 pub(crate) const LANES: usize = 16;
@@ -34,21 +34,12 @@ pub(crate) struct Epilogue<'a, T> {
 }
 
 /// `y = x w`, then the epilogue.
-pub(crate) fn matmul_f32(x: &[f32], w: &[f32], y: &mut [f32], shape: Shape, epilogue: Epilogue<'_, f32>) {
-    Arch::new().dispatch(Product { x, w, y, shape, epilogue });
-}
-
-/// `dw += x^T dy`.
-pub(crate) fn outer_f32(x: &[f32], dy: &[f32], dw: &mut [f32], shape: Shape) {
-    Arch::new().dispatch(Outer { x, dy, dw, shape });
-}
-
-struct Product<'a> {
-    x: &'a [f32],
-    w: &'a [f32],
-    y: &'a mut [f32],
-    shape: Shape,
-    epilogue: Epilogue<'a, f32>,
+pub(crate) struct Product<'a> {
+    pub(crate) x: &'a [f32],
+    pub(crate) w: &'a [f32],
+    pub(crate) y: &'a mut [f32],
+    pub(crate) shape: Shape,
+    pub(crate) epilogue: Epilogue<'a, f32>,
 }
 
 impl WithSimd for Product<'_> {
@@ -128,11 +119,12 @@ fn product_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
 /// Rows of an outer product per panel, so that the columns of `dy` stay in the first-level cache.
 const PANEL_ROWS: usize = 128;
 
-struct Outer<'a> {
-    x: &'a [f32],
-    dy: &'a [f32],
-    dw: &'a mut [f32],
-    shape: Shape,
+/// `dw += x^T dy`.
+pub(crate) struct Outer<'a> {
+    pub(crate) x: &'a [f32],
+    pub(crate) dy: &'a [f32],
+    pub(crate) dw: &'a mut [f32],
+    pub(crate) shape: Shape,
 }
 
 impl WithSimd for Outer<'_> {
@@ -187,7 +179,7 @@ impl Outer<'_> {
     }
 }
 
-/// The reference of [`matmul_f32`], for any scalar.
+/// The reference of [`Product`], for any scalar.
 pub(crate) fn matmul_plain<T: Real>(x: &[T], w: &[T], y: &mut [T], shape: Shape, epilogue: Epilogue<'_, T>) {
     let (k, m) = (shape.inputs, shape.outputs);
     for (x, y) in x.chunks_exact(k).zip(y.chunks_exact_mut(m)) {
@@ -199,7 +191,7 @@ pub(crate) fn matmul_plain<T: Real>(x: &[T], w: &[T], y: &mut [T], shape: Shape,
     }
 }
 
-/// The reference of [`outer_f32`], for any scalar.
+/// The reference of [`Outer`], for any scalar.
 pub(crate) fn outer_plain<T: Real>(x: &[T], dy: &[T], dw: &mut [T], shape: Shape) {
     let (k, m) = (shape.inputs, shape.outputs);
     for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(m)) {
@@ -214,6 +206,7 @@ pub(crate) fn outer_plain<T: Real>(x: &[T], dy: &[T], dw: &mut [T], shape: Shape
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scalar::Scalar;
     use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand::RngExt;
@@ -241,13 +234,13 @@ mod tests {
             let (mut x, w, dy, bias) = (noise(seed, n * k), noise(seed ^ 1, k * m), noise(seed ^ 2, n * m), noise(seed ^ 3, m));
             x.chunks_exact_mut(k).for_each(|row| row[used..].fill(0.0));
             let (mut y, mut exact) = (vec![0.0; n * m], vec![0.0; n * m]);
-            matmul_f32(&x, &w, &mut y, shape, Epilogue { bias: Some(&bias), relu });
+            f32::matmul(&x, &w, &mut y, shape, Epilogue { bias: Some(&bias), relu });
             matmul_plain(&wide(&x), &wide(&w), &mut exact, shape, Epilogue { bias: Some(&wide(&bias)), relu });
             prop_assert!(close(&y, &exact, k));
 
             let (mut dw, mut exact) = (noise(seed ^ 4, k * m), vec![]);
             exact.extend(wide(&dw));
-            outer_f32(&x, &dy, &mut dw, shape);
+            f32::outer(&x, &dy, &mut dw, shape);
             outer_plain(&wide(&x), &wide(&dy), &mut exact, shape);
             prop_assert!(close(&dw, &exact, n));
         }

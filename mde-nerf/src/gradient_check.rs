@@ -9,6 +9,7 @@ use crate::config::{
     ColourLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, SamplingConfig, TrainConfig, VolumeConfig,
 };
 use crate::dual::Dual;
+use crate::encoding::HashGrid;
 use crate::frustum::{Frustum, Ray};
 use crate::loss::{LossTerms, RayLoss, Target};
 use crate::march::{Budget, March, Marcher};
@@ -42,49 +43,35 @@ fn camera() -> PinholeCamera {
 }
 
 fn pose() -> Pose {
-    Pose::from_parts(
-        Translation3::new(0.03, -0.02, 0.01),
-        UnitQuaternion::from_euler_angles(0.01, -0.02, 0.015),
-    )
+    let turn = UnitQuaternion::from_euler_angles(0.01, -0.02, 0.015);
+    Pose::from_parts(Translation3::new(0.03, -0.02, 0.01), turn)
 }
 
 impl Case {
     fn new(losses: Losses, volume: VolumeConfig) -> Self {
         let depth = Array2::from_shape_fn((6, 8), |(y, x)| 1.5 + 0.2 * x as f32 + 0.1 * y as f32);
         let hypothesis = GaussianDepth::new(depth, Array2::from_elem((6, 8), 1e-3)).unwrap();
-        let view = PosedView::new(
-            Array3::from_elem((6, 8, 3), 0.5),
-            camera(),
-            Pose::identity(),
-            Array2::from_elem((6, 8), true),
-            vec![hypothesis],
-        )
-        .unwrap();
+        let (image, mask) = (Array3::from_elem((6, 8, 3), 0.5), Array2::from_elem((6, 8), true));
+        let view = PosedView::new(image, camera(), Pose::identity(), mask, vec![hypothesis]).unwrap();
         let sampling = SamplingConfig { volume, ..SamplingConfig::default() };
         let frustum = Frustum::of_views(&[view], &sampling).unwrap();
-        let targets = (0..RAYS)
-            .map(|i| Target {
-                colour: [0.2, 0.5, 0.1 * i as f64],
-                depths: vec![(1.9 + 0.13 * i as f64, 1e-5), (2.3 - 0.07 * i as f64, 2e-2)],
-            })
-            .collect();
+        let target = |i: f64| Target {
+            colour: [0.2, 0.5, 0.1 * i],
+            depths: vec![(1.9 + 0.13 * i, 1e-5), (2.3 - 0.07 * i, 2e-2)],
+        };
+        let targets = (0..RAYS).map(|i| target(i as f64)).collect();
         let budget = Budget { coarse: 7, band: 0, fine: 0, in_bin: InBinVariance::Midpoint };
         Self { frustum, targets, budget, losses }
     }
 
     fn rays(&self, pose: &Pose) -> Vec<March> {
-        (0..RAYS)
-            .map(|i| {
-                let ray = Ray::new(&camera(), pose, 1.0 + i as f64, 0.7 * i as f64);
-                March {
-                    ray,
-                    interval: self.frustum.interval(&ray, 0.0),
-                    guess: None,
-                    background: BACKGROUND,
-                    rng: Some(CounterRng::new(11, "gradient-check", 0, i as u64)),
-                }
-            })
-            .collect()
+        let march = |i: usize| {
+            let ray = Ray::new(&camera(), pose, 1.0 + i as f64, 0.7 * i as f64);
+            let interval = self.frustum.interval(&ray, 0.0);
+            let rng = Some(CounterRng::new(11, "gradient-check", 0, i as u64));
+            March { ray, interval, guess: None, background: BACKGROUND, rng }
+        };
+        (0..RAYS).map(march).collect()
     }
 
     /// The loss by the function that training uses, with its gradients.
@@ -149,11 +136,9 @@ impl Case {
             };
             target.depths.iter().map(logistic).sum::<f64>() / target.depths.len() as f64
         };
-        let mut edges: Vec<f64> = vec![r(interval.near)];
-        edges.extend(bins.disparity.iter().map(|d| d.to_f64()));
-        edges.push(0.0);
-        let mut ended = T::ZERO;
-        let mut integral = T::ZERO;
+        let samples: Vec<f64> = bins.disparity.iter().map(|d| d.to_f64()).collect();
+        let edges = [vec![r(interval.near)], samples, vec![0.0]].concat();
+        let (mut ended, mut integral) = (T::ZERO, T::ZERO);
         for (index, edge) in edges.windows(2).enumerate() {
             if index > 0 {
                 ended += rendered.weights[index - 1];
@@ -181,17 +166,13 @@ impl Case {
         let mut gradients = network.gradients();
         let loss = self.optimised(&network, &mut gradients);
         assert!((loss.total - self.defined(&network)).abs() < 1e-12 * (1.0 + loss.total.abs()));
-        let table = match &network.encoding {
-            Encoding::Frequency(_) => Vec::new(),
-            Encoding::Hash(grid) => {
-                let mut table = vec![0.0; grid.table.len()];
-                let rows = grid.layout.split(&mut table, grid.layout.features());
-                for (level, rows) in rows.into_iter().enumerate() {
-                    grid.layout.scatter(level, &gradients.points, &gradients.features[level], rows);
-                }
-                table
+        let mut table = Vec::new();
+        if let Some(HashGrid { layout, table: values }) = network.grid() {
+            table.resize(values.len(), 0.0);
+            for (level, rows) in layout.split(&mut table, layout.features).into_iter().enumerate() {
+                layout.scatter(level, &gradients.points, &gradients.features[level], rows);
             }
-        };
+        }
         for (part, analytic) in [table, gradients.mlp].into_iter().enumerate() {
             let touched: Vec<usize> = (0..analytic.len()).filter(|&i| analytic[i] != 0.0).collect();
             assert!(analytic.is_empty() || touched.len() > 10, "part {part} has almost no gradient to check");
@@ -231,10 +212,7 @@ fn with_parameter<T: Scalar>(
     index: usize,
     value: impl Fn(f64) -> T,
 ) -> Network<T> {
-    let table = match &network.encoding {
-        Encoding::Hash(grid) => grid.table.as_slice(),
-        Encoding::Frequency(_) => &[],
-    };
+    let table = network.grid().map_or(&[][..], |grid| &grid.table);
     let mut parts: [Vec<T>; 2] = [table, &network.mlp.parameters]
         .map(|parameters| parameters.iter().map(|&p| T::from_f64(p)).collect());
     parts[part][index] = value(parts[part][index].to_f64());
@@ -305,7 +283,7 @@ fn rays_outside_the_volume_are_empty() {
     for fine in [0, 6] {
         case.budget.fine = fine;
         case.optimised_of(&mut rays, &mut marcher, &network, &mut gradients);
-        assert_eq!(marcher.evaluated(), 0);
+        assert_eq!(marcher.samples, 0);
         for rendered in &marcher.rendered {
             assert_eq!((rendered.depth.opacity, rendered.colour), (0.0, BACKGROUND));
         }

@@ -1,11 +1,7 @@
-//! Small neural radiance fields that are fitted on a CPU and render depth with variance.
+#![doc = include_str!("../README.md")]
 //!
-//! * [`RadianceField`] is the trait: it fits posed views and renders colour and Gaussian depth.
-//! * [`Nerf`] is its implementation: a light MLP on a frequency encoding, or a multiresolution hash grid, on the frustum of
-//!   view 0, trained by Adam on random rays.
-//! * Rendered depths are the mean and the variance of each ray's termination distribution (Eq. 2-5 of the paper, in
-//!   [`mde_uncertainty::termination`]).
-//! * The same seed gives the same bits with any number of threads.
+//! [`RadianceField`] is the trait, [`Nerf`] its implementation on the frustum of view 0, trained by Adam on random rays. Rendered depths
+//! are the mean and the variance of each ray's termination distribution (Eq. 2-5 of the paper, in [`mde_uncertainty::termination`]).
 //!
 //! # Gradients
 //!
@@ -13,8 +9,6 @@
 //! hand, for `f32` with vector kernels and for `f64` with plain loops. The tests check the `f64` adjoints against dual
 //! numbers (forward-mode derivatives of the same generic code, exact to rounding) and against central differences, and the
 //! `f32` ones against the `f64` ones. Gradients exist for the parameters only; poses and positions are constants of a fit.
-//!
-//! See [`Nerf`] for an example.
 
 mod batch;
 mod config;
@@ -52,7 +46,3 @@ pub use error::{Error, Result};
 pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, Silent};
 pub use nerf::Nerf;
 pub use {mde_uncertainty, mde_warp, nalgebra, ndarray};
-
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;

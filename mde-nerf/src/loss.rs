@@ -4,6 +4,7 @@ use crate::config::{ColourLoss, TrainConfig};
 use crate::frustum::Interval;
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered};
+use std::ops::AddAssign;
 
 /// Supervision of a ray.
 #[derive(Debug, Clone, Default)]
@@ -18,6 +19,13 @@ pub(crate) struct Target {
 pub(crate) struct RayLoss {
     pub(crate) squared_error: f64,
     pub(crate) total: f64,
+}
+
+impl AddAssign for RayLoss {
+    fn add_assign(&mut self, other: Self) {
+        self.squared_error += other.squared_error;
+        self.total += other.total;
+    }
 }
 
 /// \\(\delta\\) of [`ColourLoss::Charbonnier`], colours in 0 to 1.

@@ -57,9 +57,9 @@ struct Traced<T> {
 #[derive(Debug, Default)]
 pub(crate) struct Marcher<T> {
     /// The first and the fine pass.
-    passes: [Tape<T>; 2],
-    /// Samples of the last forward pass.
-    samples: usize,
+    pub(crate) passes: [Tape<T>; 2],
+    /// Samples evaluated in the last forward pass.
+    pub(crate) samples: usize,
     traced: Vec<Traced<T>>,
     pub(crate) bins: Vec<Bins<T>>,
     pub(crate) rendered: Vec<Rendered<T>>,
@@ -129,43 +129,30 @@ impl<T: Scalar> Marcher<T> {
         );
     }
 
-    /// Points of the first pass.
-    #[cfg(feature = "bench")]
-    pub(crate) fn points(&self) -> &Points<T> {
-        &self.passes[0].points
-    }
-
-    /// Samples evaluated in the last forward pass.
-    pub(crate) fn evaluated(&self) -> usize {
-        self.samples
-    }
-
     #[inline(always)]
     fn place_first(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
         let traced = &mut self.traced[index];
         traced.first.clear();
         traced.fine.clear();
         traced.first_row = self.passes[0].points.len();
-        let Some(interval) = march.interval else {
-            merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
-            return;
-        };
-        let rng = &mut march.rng;
-        match march.guess {
-            Some(depth) if budget.band > 0 => {
-                let at = |z: f64| interval.fraction_at(z);
-                let band = (at(depth * (1.0 - BAND_WIDTH)), at(depth * (1.0 + BAND_WIDTH)));
-                // The merged list is sorted; its sources do not matter yet.
-                traced.positions.clear();
-                stratified(budget.coarse, 0.0, 1.0, rng.as_mut(), &mut traced.positions);
-                self.band.clear();
-                stratified(budget.band, band.0, band.1, rng.as_mut(), &mut self.band);
-                merge(&traced.positions, &self.band, &mut traced.first, &mut traced.sources);
+        if let Some(interval) = march.interval {
+            let rng = &mut march.rng;
+            match march.guess {
+                Some(depth) if budget.band > 0 => {
+                    let at = |z: f64| interval.fraction_at(z);
+                    let band = (at(depth * (1.0 - BAND_WIDTH)), at(depth * (1.0 + BAND_WIDTH)));
+                    // The merged list is sorted; its sources do not matter yet.
+                    traced.positions.clear();
+                    stratified(budget.coarse, 0.0, 1.0, rng.as_mut(), &mut traced.positions);
+                    self.band.clear();
+                    stratified(budget.band, band.0, band.1, rng.as_mut(), &mut self.band);
+                    merge(&traced.positions, &self.band, &mut traced.first, &mut traced.sources);
+                }
+                _ => stratified(budget.coarse + budget.band, 0.0, 1.0, rng.as_mut(), &mut traced.first),
             }
-            _ => stratified(budget.coarse + budget.band, 0.0, 1.0, rng.as_mut(), &mut traced.first),
+            let points = &mut self.passes[0].points;
+            Range::new(&interval).push(&traced.first, &frustum.cube_ray(&march.ray), points);
         }
-        let range = Range::new(&interval);
-        range.push(&traced.first, &frustum.cube_ray(&march.ray), &mut self.passes[0].points);
         merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
     }
 

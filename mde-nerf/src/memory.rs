@@ -1,7 +1,7 @@
 //! The memory of a field and its fit.
 
 use crate::config::{FieldConfig, NerfConfig};
-use crate::encoding::HashLayout;
+use crate::encoding::{Frequency, HashLayout};
 use crate::train::{GROUPS, TILE_POINTS};
 
 /// Copies of a network's parameters: itself, its transpose, two moments, an average, a sum of gradients, two for what vectors hold in
@@ -11,19 +11,22 @@ const NETWORK_COPIES: f64 = (8 + GROUPS) as f64;
 const POSITION: f64 = 12.0;
 
 impl FieldConfig {
+    /// Inputs, hidden layers and their width of the network.
+    pub(crate) fn shape(&self) -> [usize; 3] {
+        match self {
+            Self::Mlp(f) => [Frequency { frequencies: f.frequencies }.width(), f.layers, f.width],
+            Self::Hash(f) => [f.levels * f.features, f.layers, f.width],
+        }
+    }
+
     /// Numbers of the network, and of the table of a hash grid.
     fn numbers(&self) -> [f64; 2] {
-        let network = |inputs: usize, layers: usize, width: usize| {
-            let width = width as f64;
-            inputs as f64 * width + layers.saturating_sub(1) as f64 * width.powi(2) + 4.0 * width
+        let [inputs, layers, width] = self.shape().map(|n| n as f64);
+        let table = match self {
+            Self::Mlp(_) => 0.0,
+            Self::Hash(f) => HashLayout::new(f).table_len() as f64,
         };
-        match self {
-            Self::Mlp(f) => [network(3 + 6 * f.frequencies, f.layers, f.width), 0.0],
-            Self::Hash(f) => {
-                let table = HashLayout::new(f).table_len() as f64;
-                [network(f.levels * f.features, f.layers, f.width), table]
-            }
-        }
+        [inputs * width + (layers - 1.0).max(0.0) * width.powi(2) + 4.0 * width, table]
     }
 
     /// Bytes of the field's numbers.
@@ -38,11 +41,8 @@ impl NerfConfig {
         let per_ray = (self.sampling.coarse + self.sampling.band + self.sampling.fine) as f64;
         let (rays, groups) = (self.train.rays as f64, GROUPS as f64);
         let [network, table] = self.field.numbers();
-        let (inputs, layers, width) = match &self.field {
-            FieldConfig::Mlp(f) => (3 + 6 * f.frequencies, f.layers, f.width),
-            FieldConfig::Hash(f) => (f.levels * f.features, f.layers, f.width),
-        };
-        let activations = 2.0 * inputs as f64 + (layers as f64 + 2.0) * width as f64;
+        let [inputs, layers, width] = self.field.shape().map(|n| n as f64);
+        let activations = 2.0 * inputs + (layers + 2.0) * width;
         // A tile is at least one ray.
         let points = per_ray.max(TILE_POINTS as f64).min((rays / groups).ceil() * per_ray);
         let of_network = 4.0 * (NETWORK_COPIES * network + groups * points * activations);
@@ -51,6 +51,6 @@ impl NerfConfig {
         let kept = 3.0 * table + table / hash.features as f64;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let scratch = (HashLayout::new(hash).largest_level() * threads.min(hash.levels)) as f64;
-        of_network + 4.0 * (kept + scratch) + rays * per_ray * (POSITION + 4.0 * inputs as f64)
+        of_network + 4.0 * (kept + scratch) + rays * per_ray * (POSITION + 4.0 * inputs)
     }
 }

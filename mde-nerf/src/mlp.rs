@@ -64,18 +64,14 @@ impl<T: Scalar> Mlp<T> {
         mlp
     }
 
-    fn layers(&self) -> impl DoubleEndedIterator<Item = Layer> + ExactSizeIterator + use<T> {
+    fn layers(&self) -> Vec<Layer> {
         let mut start = 0;
-        let layers: Vec<_> = self
-            .widths
-            .windows(2)
-            .map(|w| {
-                let layer = Layer { start, k: padded(w[0]), m: padded(w[1]), used: [w[0], w[1]] };
-                start += (layer.k + 1) * layer.m;
-                layer
-            })
-            .collect();
-        layers.into_iter()
+        let layer = |w: &[usize]| {
+            let layer = Layer { start, k: padded(w[0]), m: padded(w[1]), used: [w[0], w[1]] };
+            start += (layer.k + 1) * layer.m;
+            layer
+        };
+        self.widths.windows(2).map(layer).collect()
     }
 
     /// Padded width of the input.
@@ -100,15 +96,15 @@ impl<T: Scalar> Mlp<T> {
     /// Multiply-adds per point of a forward pass, without padding.
     #[cfg(feature = "bench")]
     pub(crate) fn multiply_adds(&self) -> usize {
-        self.layers().map(|l| l.used[0] * l.used[1]).sum()
+        self.widths.windows(2).map(|w| w[0] * w[1]).sum()
     }
 
     /// The outputs for `input` (`[points, padded input]`), kept layer by layer in the tape.
     pub(crate) fn forward(&self, input: &[T], tape: &mut MlpTape<T>) {
         let points = input.len() / self.input_width().max(1);
-        let count = self.layers().len();
+        let count = self.widths.len().saturating_sub(1);
         tape.activations.resize_with(count, Vec::new);
-        for (index, Layer { start, k, m, used }) in self.layers().enumerate() {
+        for (index, Layer { start, k, m, used }) in self.layers().into_iter().enumerate() {
             let (before, after) = tape.activations.split_at_mut(index);
             let (x, y) = (before.last().map_or(input, Vec::as_slice), &mut after[0]);
             y.resize(points * m, T::ZERO);
@@ -132,7 +128,7 @@ impl<T: Scalar> Mlp<T> {
     ) -> &'t [T] {
         let [current, next] = &mut tape.upstream;
         let mut transposed_end = self.transposed.len();
-        for (index, Layer { start, k, m, used }) in self.layers().enumerate().rev() {
+        for (index, Layer { start, k, m, used }) in self.layers().into_iter().enumerate().rev() {
             let below = index.checked_sub(1).map(|i| tape.activations[i].as_slice());
             let x = below.unwrap_or(input);
             let (d_weights, rest) = gradient[start..].split_at_mut(k * m);

@@ -11,34 +11,7 @@ use mde_warp::{PinholeCamera, Pose, PosedView};
 use std::path::Path;
 
 /// A neural radiance field: a small network on the frustum of view 0, without view direction (a view-dependent colour
-/// could explain the views without geometry).
-///
-/// ```
-/// use mde_nerf::{Nerf, NerfConfig, RadianceField, Silent};
-/// use mde_uncertainty::GaussianDepth;
-/// use mde_warp::{PinholeCamera, Pose, PosedView};
-/// use ndarray::{Array2, Array3};
-///
-/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// let camera = PinholeCamera::from_fov(60.0, 16, 12)?;
-/// let view = PosedView::new(
-///     Array3::from_elem((12, 16, 3), 0.7),
-///     camera,
-///     Pose::identity(),
-///     Array2::from_elem((12, 16), true),
-///     vec![GaussianDepth::new(Array2::from_shape_fn((12, 16), |(_, x)| 1.0 + 0.1 * x as f32), Array2::zeros((12, 16)))?],
-/// )?;
-/// let mut config = NerfConfig::default();
-/// config.train.steps = 20;
-/// config.train.rays = 64;
-/// let mut field = Nerf::new(config, 0)?;
-/// let report = field.fit(&[view], &mut Silent)?;
-/// let seen = field.render(&camera, &Pose::identity(), &mut Silent)?;
-/// assert_eq!(seen.image.dim(), (12, 16, 3));
-/// # assert_eq!(report.psnr.len(), 1);
-/// # Ok(())
-/// # }
-/// ```
+/// could explain the views without geometry). The [crate's](crate) documentation has an example.
 #[derive(Debug, Clone)]
 pub struct Nerf {
     config: NerfConfig,

@@ -78,14 +78,19 @@ impl<T: Scalar> Network<T> {
         Some(network)
     }
 
+    /// The hash grid, where the encoding is one.
+    pub(crate) fn grid(&self) -> Option<&HashGrid<T>> {
+        match &self.encoding {
+            Encoding::Hash(grid) => Some(grid),
+            Encoding::Frequency(_) => None,
+        }
+    }
+
     /// Zeroed gradient buffers.
     pub(crate) fn gradients(&self) -> Gradients<T> {
         Gradients {
             mlp: vec![T::ZERO; self.mlp.parameters.len()],
-            features: match &self.encoding {
-                Encoding::Frequency(_) => Vec::new(),
-                Encoding::Hash(grid) => vec![Vec::new(); grid.layout.level_count()],
-            },
+            features: vec![Vec::new(); self.grid().map_or(0, |grid| grid.layout.level_count())],
             points: Points::default(),
         }
     }
@@ -131,12 +136,10 @@ impl<T: Scalar> Network<T> {
         for (row, (shade, d)) in mlp.d_output().chunks_exact_mut(width).zip(shades.iter().zip(&*d_shades)) {
             row[..4].copy_from_slice(&d_activate(shade, d));
         }
-        let Encoding::Hash(grid) = &self.encoding else {
-            self.mlp.backward(features, mlp, &mut gradients.mlp, false);
-            return;
-        };
-        let d_features = self.mlp.backward(features, mlp, &mut gradients.mlp, true);
-        let count = grid.layout.features();
+        let grid = self.grid();
+        let d_features = self.mlp.backward(features, mlp, &mut gradients.mlp, grid.is_some());
+        let Some(grid) = grid else { return };
+        let count = grid.layout.features;
         for (level, of_level) in gradients.features.iter_mut().enumerate() {
             let start = of_level.len();
             of_level.resize(start + points.len() * count, T::ZERO);
@@ -151,10 +154,7 @@ impl<T: Scalar> Network<T> {
 
 /// Widths of the network's layers.
 fn widths(config: &FieldConfig) -> Vec<usize> {
-    let (input, width, layers) = match config {
-        FieldConfig::Mlp(c) => (Frequency { frequencies: c.frequencies }.width(), c.width, c.layers),
-        FieldConfig::Hash(c) => (c.levels * c.features, c.width, c.layers),
-    };
+    let [input, layers, width] = config.shape();
     [vec![input], vec![width; layers], vec![4]].concat()
 }
 

@@ -150,10 +150,8 @@ mod tests {
                 let t = step as i32 + 1;
                 let rate = config.learning_rate * FINAL_RATE.powf(step as f64 / 9.0);
                 // The first row is never touched.
-                let mut g: [f32; N] =
-                    std::array::from_fn(
-                        |i| if i < width { 0.0 } else { ((i * 7 + step * 5) % 11) as f32 - 4.5 },
-                    );
+                let drawn = |i: usize| ((i * 7 + step * 5) % 11) as f32 - 4.5;
+                let mut g: [f32; N] = std::array::from_fn(|i| if i < width { 0.0 } else { drawn(i) });
                 for (row, v) in v.iter_mut().enumerate().skip(1) {
                     let of_row = row * width..(row + 1) * width;
                     let square = of_row.clone().map(|i| f64::from(g[i]).powi(2)).sum::<f64>() / width as f64;

@@ -52,8 +52,7 @@ pub(crate) fn render(
                 };
                 let mut marches: Vec<March> = pixels.map(march).collect();
                 marcher.forward(network, frustum, &mut marches, &budget);
-                let pixel = |r: &crate::volume::Rendered<f32>| (r.colour, r.depth);
-                marcher.rendered[..marches.len()].iter().map(pixel).collect()
+                marcher.rendered.iter().map(|r| (r.colour, r.depth)).collect()
             })
             .collect();
         for (i, (colour, depth)) in tiles.into_iter().flatten().enumerate() {

@@ -1,16 +1,17 @@
-use crate::gemm::{self, Epilogue, Shape};
+use crate::gemm::{Epilogue, Outer, Product, Shape, matmul_plain, outer_plain};
 use mde_uncertainty::Real;
+use pulp::Arch;
 
 /// Scalar type of the field: `f32` with vector kernels for fitting, `f64` with plain loops as the reference, and in tests a
 /// dual number whose derivatives are exact.
 pub(crate) trait Scalar: Real {
     /// `y = x w`, then the epilogue.
     fn matmul(x: &[Self], w: &[Self], y: &mut [Self], shape: Shape, epilogue: Epilogue<'_, Self>) {
-        gemm::matmul_plain(x, w, y, shape, epilogue);
+        matmul_plain(x, w, y, shape, epilogue);
     }
     /// `dw += x^T dy`.
     fn outer(x: &[Self], dy: &[Self], dw: &mut [Self], shape: Shape) {
-        gemm::outer_plain(x, dy, dw, shape);
+        outer_plain(x, dy, dw, shape);
     }
     /// \\(e^x\\), to about 2 units in the last place; saturates instead of overflowing.
     fn fast_exp(self) -> Self {
@@ -42,11 +43,11 @@ pub(crate) trait Scalar: Real {
 
 impl Scalar for f32 {
     fn matmul(x: &[f32], w: &[f32], y: &mut [f32], shape: Shape, epilogue: Epilogue<'_, f32>) {
-        gemm::matmul_f32(x, w, y, shape, epilogue);
+        Arch::new().dispatch(Product { x, w, y, shape, epilogue });
     }
 
     fn outer(x: &[f32], dy: &[f32], dw: &mut [f32], shape: Shape) {
-        gemm::outer_f32(x, dy, dw, shape);
+        Arch::new().dispatch(Outer { x, dy, dw, shape });
     }
 
     /// Cephes' polynomial on \\([-\ln 2 / 2, \ln 2 / 2]\\), without a branch so that loops over it vectorise.
@@ -107,7 +108,7 @@ impl Scalar for f32 {
 
     #[inline(always)]
     fn vectorized<R>(op: impl FnOnce() -> R) -> R {
-        pulp::Arch::new().dispatch(op)
+        Arch::new().dispatch(op)
     }
 }
 

@@ -2,11 +2,12 @@
 
 use crate::batch::Pixels;
 use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
+use crate::encoding::HashGrid;
 use crate::field::Silent;
 use crate::frustum::Frustum;
 use crate::loss::LossTerms;
 use crate::march::Marcher;
-use crate::network::{Encoding, Network, Tape};
+use crate::network::{Network, Tape};
 use crate::optimiser::{AdamStep, Moments, adam};
 use crate::render::render;
 use crate::train::{Trainer, tile_gradients, tile_rays};
@@ -76,12 +77,12 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
     let terms = LossTerms::at(&config.train, 0.0);
     let mut marcher = Marcher::default();
     marcher.forward(&network, &frustum, &mut rays, &budget);
-    let points = marcher.evaluated() as u64;
+    let points = marcher.samples as u64;
     let forward = 2 * network.mlp.multiply_adds() as u64;
     let gathered = gathered(&network);
 
     let mut tape = Tape::default();
-    tape.points.extend(marcher.points());
+    tape.points.extend(&marcher.passes[0].points);
     let in_tape = tape.points.len() as u64;
     visit(stage("encoding", in_tape, 0, gathered * in_tape), &mut || network.encode(&mut tape));
     visit(stage("network forward", in_tape, forward * in_tape, 0), &mut || network.evaluate(&mut tape));
@@ -107,12 +108,12 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
     });
     let every = (batch * (budget.coarse + budget.band + budget.fine)) as u64;
     let mut moved = 0;
-    if let Encoding::Hash(grid) = &network.encoding {
+    if let Some(grid) = network.grid() {
         let layout = &grid.layout;
-        let d_features = vec![1e-3; tape.points.len() * layout.features()];
+        let d_features = vec![1e-3; tape.points.len() * layout.features];
         let mut gradient = vec![0.0; grid.table.len()];
         visit(stage("scatter", in_tape, 0, 2 * gathered * in_tape), &mut || {
-            for (level, rows) in layout.split(&mut gradient, layout.features()).into_iter().enumerate() {
+            for (level, rows) in layout.split(&mut gradient, layout.features).into_iter().enumerate() {
                 layout.scatter(level, &tape.points, &d_features, rows);
             }
         });
@@ -123,7 +124,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
         moved = 8 * (3 * first.len() + second.len()) as u64;
         visit(stage("optimiser", every, 0, moved), &mut || {
             gradient.fill(1e-3);
-            adam(&mut values, [&mut first, &mut second], &mut gradient, layout.features(), step);
+            adam(&mut values, [&mut first, &mut second], &mut gradient, layout.features, step);
         });
     }
     let mut trained = network.clone();
@@ -145,12 +146,8 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
 
 /// Bytes of table rows read per sample.
 fn gathered(network: &Network<f32>) -> u64 {
-    match &network.encoding {
-        Encoding::Frequency(_) => 0,
-        Encoding::Hash(grid) => {
-            (grid.layout.level_count() * 8 * grid.layout.features() * size_of::<f32>()) as u64
-        }
-    }
+    let numbers = |grid: &HashGrid<f32>| grid.layout.level_count() * 8 * grid.layout.features;
+    (network.grid().map_or(0, numbers) * size_of::<f32>()) as u64
 }
 
 fn view() -> Result<PosedView> {

@@ -3,7 +3,7 @@
 use crate::config::NerfConfig;
 use crate::frustum::Frustum;
 use crate::nerf::Fitted;
-use crate::network::{Encoding, Network};
+use crate::network::Network;
 use crate::{Error, Result};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
@@ -50,12 +50,9 @@ struct Version {
 
 /// The bytes of the file.
 pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<Vec<u8>> {
-    let table = match &fitted.network.encoding {
-        Encoding::Hash(grid) => grid.table.as_slice(),
-        Encoding::Frequency(_) => &[],
-    };
     let bytes = |numbers: &[f32]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
-    let [table, network] = [bytes(table), bytes(&fitted.network.mlp.parameters)];
+    let table = fitted.network.grid().map_or_else(Vec::new, |grid| bytes(&grid.table));
+    let network = bytes(&fitted.network.mlp.parameters);
     let header = Header {
         version: VERSION,
         config: config.clone(),

@@ -2,6 +2,7 @@
 
 use crate::batch::Pixels;
 use crate::config::NerfConfig;
+use crate::encoding::{HashGrid, HashLayout};
 use crate::field::{FieldCallback, FieldEvent, FitReport};
 use crate::frustum::Frustum;
 use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
@@ -25,9 +26,10 @@ const REPORT_EVERY: usize = 20;
 const PSNR_PIXELS: usize = 2048;
 
 /// A group's working memory.
-struct Group<T> {
-    marcher: Marcher<T>,
-    gradients: Gradients<T>,
+#[derive(Default)]
+struct Group {
+    marcher: Marcher<f32>,
+    gradients: Gradients<f32>,
     loss: RayLoss,
     samples: u64,
 }
@@ -49,8 +51,7 @@ pub(crate) fn tile_gradients<T: Scalar>(
         // A ray that misses the volume depends on no parameter.
         let Some(interval) = &rays[index].interval else { return [T::ZERO; 3] };
         let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, interval, terms, batch, h);
-        sum.squared_error += loss.squared_error;
-        sum.total += loss.total;
+        sum += loss;
         d_colour
     });
     sum
@@ -73,14 +74,6 @@ pub(crate) fn tile_rays(budget: &Budget) -> usize {
     (TILE_POINTS / (budget.coarse + budget.band + budget.fine).max(1)).max(1)
 }
 
-/// Adam's state of a network.
-struct Optimiser {
-    table: Moments,
-    mlp: Moments,
-    /// Zeroed scratch buffers for a level's gradient, one per thread at a time: few enough to stay in the cache.
-    scratch: Mutex<Vec<Vec<f32>>>,
-}
-
 /// State of a fit.
 pub(crate) struct Trainer<'a> {
     network: &'a mut Network<f32>,
@@ -89,8 +82,11 @@ pub(crate) struct Trainer<'a> {
     config: &'a NerfConfig,
     seed: u64,
     budget: Budget,
-    groups: Vec<Group<f32>>,
-    optimiser: Optimiser,
+    groups: Vec<Group>,
+    /// Adam's, of the table and of the network.
+    moments: [Moments; 2],
+    /// Zeroed scratch buffers for a level's gradient, one per thread at a time: few enough to stay in the cache.
+    scratch: Mutex<Vec<Vec<f32>>>,
     /// Steps made.
     step: usize,
 }
@@ -103,23 +99,12 @@ impl<'a> Trainer<'a> {
         config: &'a NerfConfig,
         seed: u64,
     ) -> Self {
-        let group = || Group {
-            marcher: Marcher::default(),
-            gradients: network.gradients(),
-            loss: RayLoss::default(),
-            samples: 0,
-        };
-        let groups = (0..GROUPS).map(|_| group()).collect();
-        let optimiser = Optimiser {
-            table: match &network.encoding {
-                Encoding::Hash(grid) => grid.moments(),
-                Encoding::Frequency(_) => Moments::default(),
-            },
-            mlp: Moments::new(network.mlp.parameters.len(), 1),
-            scratch: Mutex::default(),
-        };
-        let budget = config.training_budget();
-        Self { network, frustum, pixels, config, seed, budget, groups, optimiser, step: 0 }
+        let group = |_| Group { gradients: network.gradients(), ..Group::default() };
+        let groups = (0..GROUPS).map(group).collect();
+        let table = network.grid().map(HashGrid::moments).unwrap_or_default();
+        let moments = [table, Moments::new(network.mlp.parameters.len(), 1)];
+        let (budget, scratch) = (config.training_budget(), Mutex::default());
+        Self { network, frustum, pixels, config, seed, budget, groups, moments, scratch, step: 0 }
     }
 
     /// Computes the gradients of the next step's batch in the groups; returns the batch's loss.
@@ -127,21 +112,64 @@ impl<'a> Trainer<'a> {
         let Self { network, frustum, pixels, config, seed, budget, groups, step, .. } = self;
         let train = &config.train;
         let progress = *step as f64 / (train.steps as f64 - 1.0).max(1.0);
-        let terms = LossTerms::at(train, progress);
-        let shared: &Network<f32> = network;
+        let terms = (LossTerms::at(train, progress), train.rays as f64);
+        let network: &Network<f32> = network;
         groups.par_iter_mut().enumerate().for_each(|(index, group)| {
-            group.run(index, shared, frustum, pixels, budget, (*seed, *step), (terms, train.rays));
+            let Group { marcher, gradients, loss, samples } = group;
+            *loss = RayLoss::default();
+            let (first, last) = (train.rays * index / GROUPS, train.rays * (index + 1) / GROUPS);
+            // Tiles of equal size: a small last one would cost as much as a whole one.
+            let tiles = ((last - first) as f64 / tile_rays(budget) as f64).round().max(1.0) as usize;
+            let at = |tile: usize| first + (last - first) * tile / tiles;
+            for tile in 0..tiles {
+                let draws = (at(tile)..at(tile + 1)).map(|i| pixels.draw(*seed, *step, i));
+                let (mut marches, targets): (Vec<_>, Vec<_>) = draws.unzip();
+                let tile = (marches.as_mut_slice(), targets.as_slice());
+                *loss += tile_gradients(network, frustum, marcher, tile, budget, terms, gradients);
+                *samples += marcher.samples as u64;
+            }
         });
-        groups.iter().fold(RayLoss::default(), |sum, g| RayLoss {
-            squared_error: sum.squared_error + g.loss.squared_error,
-            total: sum.total + g.loss.total,
+        groups.iter().fold(RayLoss::default(), |mut sum, group| {
+            sum += group.loss;
+            sum
         })
     }
 
-    /// Makes an optimiser step along the groups' gradients and clears them.
+    /// Makes an optimiser step along the groups' gradients, summed in the groups' order, and clears them.
     pub(crate) fn update(&mut self) {
-        let step = AdamStep::new(&self.config.train, self.step);
-        self.optimiser.step(self.network, &mut self.groups, step);
+        let Self { network, config, groups, moments: [of_table, of_mlp], scratch, .. } = self;
+        let step = AdamStep::new(&config.train, self.step);
+        if let Encoding::Hash(HashGrid { layout, table }) = &mut network.encoding {
+            let layout: &HashLayout = layout;
+            let Moments { first, second } = of_table;
+            let (first, second) = (layout.split(first, layout.features), layout.split(second, 1));
+            let tables = layout.split(table, layout.features);
+            let levels = tables.into_par_iter().zip(first).zip(second);
+            let (groups, scratch): (&[Group], &Mutex<_>) = (groups, scratch);
+            levels.enumerate().for_each(|(level, ((table, first), second))| {
+                let mut buffer = lock(scratch).pop().unwrap_or_default();
+                buffer.resize(buffer.len().max(table.len()), 0.0);
+                let gradient = &mut buffer[..table.len()];
+                for Group { gradients: g, .. } in groups {
+                    layout.scatter(level, &g.points, &g.features[level], gradient);
+                }
+                adam(table, [first, second], gradient, layout.features, step);
+                lock(scratch).push(buffer);
+            });
+        }
+        let mut sum = std::mem::take(&mut groups[0].gradients.mlp);
+        for group in &mut groups[1..] {
+            for (sum, g) in sum.iter_mut().zip(&mut group.gradients.mlp) {
+                *sum += *g;
+                *g = 0.0;
+            }
+        }
+        let Moments { first, second } = of_mlp;
+        adam(&mut network.mlp.parameters, [first, second], &mut sum, 1, step);
+        // Zeroed by the step.
+        groups[0].gradients.mlp = sum;
+        network.mlp.refresh();
+        groups.iter_mut().for_each(|group| group.gradients.clear());
         self.step += 1;
     }
 
@@ -203,82 +231,6 @@ pub(crate) fn train(
     Ok(report)
 }
 
-impl Group<f32> {
-    #[allow(clippy::too_many_arguments, reason = "one step's context, passed once")]
-    fn run(
-        &mut self,
-        index: usize,
-        network: &Network<f32>,
-        frustum: &Frustum,
-        pixels: &Pixels<'_>,
-        budget: &Budget,
-        (seed, step): (u64, usize),
-        (terms, rays): (LossTerms, usize),
-    ) {
-        self.loss = RayLoss::default();
-        let (first, last) = (rays * index / GROUPS, rays * (index + 1) / GROUPS);
-        // Tiles of equal size: a small last one would cost as much as a whole one.
-        let tiles = ((last - first) as f64 / tile_rays(budget) as f64).round().max(1.0) as usize;
-        for tile in 0..tiles {
-            let at = |tile: usize| first + (last - first) * tile / tiles;
-            let tile = at(tile)..at(tile + 1);
-            let (mut marches, targets): (Vec<_>, Vec<_>) = tile.map(|i| pixels.draw(seed, step, i)).unzip();
-            let loss = tile_gradients(
-                network,
-                frustum,
-                &mut self.marcher,
-                (&mut marches, &targets),
-                budget,
-                (terms, rays as f64),
-                &mut self.gradients,
-            );
-            self.loss.squared_error += loss.squared_error;
-            self.loss.total += loss.total;
-            self.samples += self.marcher.evaluated() as u64;
-        }
-    }
-}
-
-impl Optimiser {
-    /// Sums the groups' gradients in their order, steps, and clears them.
-    fn step(&mut self, network: &mut Network<f32>, groups: &mut [Group<f32>], step: AdamStep) {
-        if let Encoding::Hash(grid) = &mut network.encoding {
-            let layout = grid.layout.clone();
-            let Moments { first, second } = &mut self.table;
-            let (first, second) = (layout.split(first, layout.features()), layout.split(second, 1));
-            let tables = layout.split(&mut grid.table, layout.features());
-            let levels = tables.into_par_iter().zip(first).zip(second);
-            let groups: &[Group<f32>] = groups;
-            let scratch = &self.scratch;
-            levels.enumerate().for_each(|(level, ((table, first), second))| {
-                let mut buffer = lock(scratch).pop().unwrap_or_default();
-                buffer.resize(buffer.len().max(table.len()), 0.0);
-                let gradient = &mut buffer[..table.len()];
-                for Group { gradients: g, .. } in groups {
-                    layout.scatter(level, &g.points, &g.features[level], gradient);
-                }
-                adam(table, [first, second], gradient, layout.features(), step);
-                lock(scratch).push(buffer);
-            });
-        }
-        let mut sum = std::mem::take(&mut groups[0].gradients.mlp);
-        for group in &mut groups[1..] {
-            for (sum, g) in sum.iter_mut().zip(&mut group.gradients.mlp) {
-                *sum += *g;
-                *g = 0.0;
-            }
-        }
-        let Moments { first, second } = &mut self.mlp;
-        adam(&mut network.mlp.parameters, [first, second], &mut sum, 1, step);
-        // Zeroed by the step.
-        groups[0].gradients.mlp = sum;
-        network.mlp.refresh();
-        for group in groups {
-            group.gradients.clear();
-        }
-    }
-}
-
 /// Locks a mutex; a poisoned one is usable, since a panicking thread holds no buffer in it.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -302,29 +254,26 @@ fn psnr(
     seed: u64,
 ) -> Vec<f64> {
     let tile = tile_rays(budget);
-    (0..pixels.view_count())
-        .map(|view| {
-            if pixels.probe(seed, view, 0).is_none() {
-                return 0.0;
-            }
-            let errors: Vec<f64> = (0..PSNR_PIXELS.div_ceil(tile))
-                .into_par_iter()
-                .map_init(Marcher::default, |marcher, chunk| {
-                    let probes = (0..tile).filter_map(|i| pixels.probe(seed, view, chunk * tile + i));
-                    let (mut rays, targets): (Vec<_>, Vec<Target>) = probes.unzip();
-                    marcher.forward(network, frustum, &mut rays, budget);
-                    let error = |(target, rendered): (&Target, &crate::volume::Rendered<f32>)| {
-                        (0..3)
-                            .map(|a| (f64::from(rendered.colour[a]) - target.colour[a]).powi(2) / 3.0)
-                            .sum::<f64>()
-                    };
-                    let rendered = &marcher.rendered[..rays.len()];
-                    targets.iter().zip(rendered).map(error).sum::<f64>() / rays.len().max(1) as f64
-                })
-                .collect();
-            decibels(errors.iter().sum::<f64>() / errors.len() as f64)
-        })
-        .collect()
+    let of_view = |view: usize| {
+        if pixels.probe(seed, view, 0).is_none() {
+            return 0.0;
+        }
+        let mean_error = |marcher: &mut Marcher<f32>, chunk: usize| {
+            let probes = (0..tile).filter_map(|i| pixels.probe(seed, view, chunk * tile + i));
+            let (mut rays, targets): (Vec<_>, Vec<Target>) = probes.unzip();
+            marcher.forward(network, frustum, &mut rays, budget);
+            let pairs = targets.iter().zip(&marcher.rendered);
+            let squared = pairs.map(|(target, rendered)| {
+                let of_channel = |a: usize| (f64::from(rendered.colour[a]) - target.colour[a]).powi(2) / 3.0;
+                (0..3).map(of_channel).sum::<f64>()
+            });
+            squared.sum::<f64>() / rays.len().max(1) as f64
+        };
+        let chunks = (0..PSNR_PIXELS.div_ceil(tile)).into_par_iter();
+        let errors: Vec<f64> = chunks.map_init(Marcher::default, mean_error).collect();
+        decibels(errors.iter().sum::<f64>() / errors.len() as f64)
+    };
+    (0..pixels.views.len()).map(of_view).collect()
 }
 
 /// \\(-10 \log_{10}\\) of a mean squared error of colours in 0 to 1.

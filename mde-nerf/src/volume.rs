@@ -45,12 +45,6 @@ pub(crate) struct Rendered<T> {
 }
 
 impl<T: Scalar> Rendered<T> {
-    /// Transmittance behind the last bin.
-    #[cfg(test)]
-    pub(crate) fn escaped(&self) -> T {
-        self.behind.last().copied().unwrap_or(T::ONE)
-    }
-
     /// Renders `shades` (one per bin, front to back) over `background`.
     #[inline(always)]
     pub(crate) fn composite(
@@ -105,15 +99,8 @@ impl<T: Scalar> Rendered<T> {
             let weight = self.weights[j];
             let d_density = bins.path[j] * (self.behind[j] * h[j] - suffix);
             suffix += weight * h[j];
-            emit(
-                j,
-                [
-                    flush(d_density),
-                    flush(weight * d_colour[0]),
-                    flush(weight * d_colour[1]),
-                    flush(weight * d_colour[2]),
-                ],
-            );
+            let [red, green, blue] = d_colour.map(|d| flush(weight * d));
+            emit(j, [flush(d_density), red, green, blue]);
         }
     }
 }
@@ -155,7 +142,7 @@ mod tests {
             let density: Vec<f64> = shades.iter().map(|s| s[0]).collect();
             let mut weights = vec![0.0; density.len()];
             let escaped = termination::weights(&density, &bins.path, &mut weights);
-            prop_assert!((out.escaped() - escaped).abs() < 1e-12);
+            prop_assert!((out.behind[density.len() - 1] - escaped).abs() < 1e-12);
             for (a, b) in out.weights.iter().zip(&weights) {
                 prop_assert!((a - b).abs() < 1e-12);
             }

@@ -26,13 +26,12 @@ pub fn predict_each(
 /// Tasks side by side.
 pub(crate) struct AtOnce {
     /// Most at once.
-    pub(crate) most: usize,
+    most: usize,
     /// Threads of their own where there are fewer than usual: an allocator keeps memory for each thread that ever ran one.
     pool: Option<ThreadPool>,
 }
 
 impl AtOnce {
-    /// As many as the model allows and there are threads, and no more than the limit.
     pub(crate) fn new(concurrency: usize, limit: Option<usize>) -> Self {
         let threads = rayon::current_num_threads();
         let most = limit.unwrap_or(threads).min(concurrency).clamp(1, threads);

@@ -15,16 +15,14 @@ use pyo3::types::PyDict;
 type Object<'py> = Bound<'py, PyAny>;
 
 /// Depth with a standard deviation of the same shape, infinite where missing.
-fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Result<GaussianDepth, String> {
+fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> PyResult<GaussianDepth> {
     if let Some(value) = sigma.iter().find(|value| **value < 0.0 || value.is_nan()) {
-        return Err(format!("sigma holds {value}; give 0 or more, and infinity where missing"));
+        return Err(raise(format!("sigma holds {value}; give 0 or more, and infinity where missing")));
     }
     let known = |z: f32, s: f32| s.is_finite() && z > 0.0;
     let variance =
         Zip::from(depth).and(sigma).map_collect(|&z, &s| if known(z, s) { s * s } else { f32::INFINITY });
-    // A missing depth needs no value of its own.
-    let mean = Zip::from(depth).and(sigma).map_collect(|&z, &s| if known(z, s) { z } else { 0.0 });
-    GaussianDepth::new(mean, variance).map_err(|e| e.to_string())
+    GaussianDepth::new(depth.to_owned(), variance).map_err(raise)
 }
 
 /// Eq. 7-17 for a prior and reprojected views.
@@ -41,13 +39,12 @@ pub(crate) fn fuse<'py>(
         return Err(raise(format!("{} depths but {} sigmas; give one for each", depths.len(), sigmas.len())));
     }
     let prior = match &prior_sigma {
-        Some(sigma) => gaussian(prior.as_array(), sigma.as_array())
-            .and_then(|depth| Prior::with_variance(depth).map_err(|e| e.to_string())),
-        None => Prior::new(prior.as_array().to_owned()).map_err(|e| e.to_string()),
+        Some(sigma) => Prior::with_variance(gaussian(prior.as_array(), sigma.as_array())?),
+        None => Prior::new(prior.as_array().to_owned()),
     };
     let prior = prior.map_err(raise)?;
     let views = depths.iter().zip(&sigmas).map(|(depth, sigma)| gaussian(depth.as_array(), sigma.as_array()));
-    let views = views.collect::<Result<Vec<_>, _>>().map_err(raise)?;
+    let views = views.collect::<PyResult<Vec<_>>>()?;
     let fused = py
         .detach(|| BayesFuser::new(settings.0.config.fusion.clone())?.fuse(&prior, &views))
         .map_err(|e: mde_fusion::Error| raise(e))?;
@@ -134,8 +131,7 @@ pub(crate) fn forward_warp<'py>(
         None => source,
     };
     let pose = rigid("pose", &pose)?;
-    let (image, depth) =
-        (image.as_array().to_owned(), gaussian(depth.as_array(), sigma.as_array()).map_err(raise)?);
+    let (image, depth) = (image.as_array().to_owned(), gaussian(depth.as_array(), sigma.as_array())?);
     let config = WarpConfig { tear };
     let warped = py
         .detach(|| {

@@ -97,10 +97,9 @@ impl Calibration {
         let mut coverages = Vec::new();
         for probability in HELD_OUT {
             if let Some(shares) = held_out(&quantiles, probability)? {
-                let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-                let lowest = shares.iter().copied().fold(1.0, f64::min);
-                let highest = shares.iter().copied().fold(0.0, f64::max);
-                let [mean, lowest, highest] = [mean, lowest, highest].map(rounded);
+                let mean = rounded(shares.iter().sum::<f64>() / shares.len() as f64);
+                let lowest = rounded(shares.iter().copied().fold(1.0, f64::min));
+                let highest = rounded(shares.iter().copied().fold(0.0, f64::max));
                 coverages.push(HeldOut { probability, mean, lowest, highest });
             }
         }
@@ -109,7 +108,7 @@ impl Calibration {
             settings: fingerprint.settings,
             model: fingerprint.model,
             scenes: names,
-            half_widths: table.half_widths().iter().copied().map(rounded).collect(),
+            half_widths: table.half_widths.into_iter().map(rounded).collect(),
             scale_error: None,
             source,
             held_out: coverages,
@@ -153,9 +152,8 @@ impl Calibration {
         }
         let read: Self = toml::from_str(text).map_err(|e| error(e.to_string()))?;
         if read.scale_error.is_some_and(|e| !(0.0..=10.0).contains(&e)) {
-            return Err(error(
-                "scale-error is no standard deviation of a logarithm; give 0 to 10".to_owned(),
-            ));
+            let reason = "scale-error is no standard deviation of a logarithm; give 0 to 10";
+            return Err(error(reason.to_owned()));
         }
         PooledIntervals::from_half_widths(read.half_widths.clone())
             .and_then(|table| usable(&table))

@@ -33,10 +33,8 @@ impl Gaussian {
     /// A Gaussian that is cut off at `cut` standard deviations, rounded up, and at [`WIDEST`](Self::WIDEST) pixels.
     #[must_use]
     pub fn new(sigma: f64, cut: f64) -> Self {
-        Self {
-            sigma,
-            radius: if sigma > 0.0 { ((cut * sigma).ceil() as usize).min(Self::WIDEST) } else { 0 },
-        }
+        let radius = if sigma > 0.0 { ((cut * sigma).ceil() as usize).min(Self::WIDEST) } else { 0 };
+        Self { sigma, radius }
     }
 
     /// Weights from \\(-r\\) to \\(r\\) with sum 1.
@@ -240,16 +238,11 @@ impl BilateralRows<'_> {
         let (mut weights, mut there) = (vec![0.0_f32; width], vec![0.0_f32; width]);
         let here: Vec<Cow<'_, [f32]>> = guide.iter().map(|channel| line(channel.row(y))).collect();
         for tap in taps {
-            let row = match y.checked_add_signed(tap.down).filter(|row| *row < height) {
-                Some(row) => row,
-                None if *dense => continue,
-                None => {
-                    if tap.down < 0 {
-                        0
-                    } else {
-                        height - 1
-                    }
-                }
+            let row = match y.checked_add_signed(tap.down) {
+                Some(row) if row < height => row,
+                _ if *dense => continue,
+                Some(_) => height - 1,
+                None => 0,
             };
             // The pixels that take part: in a dense filter those whose neighbour is in the map.
             let pixels = if *dense { within(tap.across, width) } else { 0..width };

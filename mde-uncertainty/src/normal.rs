@@ -55,15 +55,7 @@ pub fn central_half_width(p: f64) -> f64 {
         return -quantile(0.5 * (1.0 - p));
     }
     // erf is concave here: its tangents lie above it, so each step ends short of the root.
-    let mut z = 0.0;
-    for _ in 0..STEPS {
-        let step = (p - erf(z * FRAC_1_SQRT_2)) / (2.0 * density(z));
-        if step <= 0.0 || z + step == z {
-            break;
-        }
-        z += step;
-    }
-    z
+    newton(0.0, |z| (p - erf(z * FRAC_1_SQRT_2)) / (2.0 * density(z)))
 }
 
 /// \\(\Phi^{-1}(p)\\) for `p` in \\((0, \tfrac12]\\).
@@ -71,14 +63,20 @@ fn lower_quantile(p: f64) -> f64 {
     // Below the smallest normal number \Phi loses its digits.
     let target = p.max(f64::MIN_POSITIVE);
     // \Phi(-x) <= e^{-x^2/2} / 2 starts beyond the root. ln \Phi is concave, so each step stays beyond it.
-    let mut x = -(-2.0 * (2.0 * target).ln()).max(0.0).sqrt();
-    for _ in 0..STEPS {
+    newton(-(-2.0 * (2.0 * target).ln()).max(0.0).sqrt(), |x| {
         let reached = distribution(x);
-        let step = (target / reached).ln() * reached / density(x);
-        if step <= 0.0 || x + step == x {
+        (target / reached).ln() * reached / density(x)
+    })
+}
+
+/// Newton's method from below the root, until a step changes nothing.
+fn newton(mut x: f64, step: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..STEPS {
+        let by = step(x);
+        if by <= 0.0 || x + by == x {
             break;
         }
-        x += step;
+        x += by;
     }
     x
 }

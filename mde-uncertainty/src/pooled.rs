@@ -21,7 +21,7 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, PartialEq)]
 pub struct PooledIntervals {
     /// At the probabilities \\(0, 0.01, \dots, 0.99\\); non-decreasing.
-    half_widths: Vec<f64>,
+    pub(crate) half_widths: Vec<f64>,
 }
 
 impl PooledIntervals {
@@ -36,11 +36,8 @@ impl PooledIntervals {
     /// or not finite.
     pub fn fit(scenes: &[Vec<f64>]) -> Result<Self> {
         if scenes.is_empty() {
-            return Err(fault(
-                "scenes",
-                "an empty list".to_owned(),
-                "give one scene or more with an uncertainty",
-            ));
+            let remedy = "give one scene or more with an uncertainty";
+            return Err(fault("scenes", "an empty list".to_owned(), remedy));
         }
         if let Some(scene) = scenes.iter().position(|q| q.len() < 2 || !rises(q)) {
             let remedy = "give two or more finite numbers from 0 on that do not decrease";
@@ -51,7 +48,7 @@ impl PooledIntervals {
         Self::from_half_widths((0..Self::STEPS).map(half_width).collect())
     }
 
-    /// The table with these [half widths](Self::half_widths).
+    /// The table with these half widths in sigmas, at the probabilities \\(0, 0.01, \dots, 0.99\\).
     ///
     /// # Errors
     /// [`Error::Config`] unless there are [`STEPS`](Self::STEPS) of them, finite, at least 0, non-decreasing, and the last above 0.
@@ -63,11 +60,6 @@ impl PooledIntervals {
             return Err(fault("half-widths", value, remedy));
         }
         Ok(Self { half_widths })
-    }
-
-    /// In sigmas, at the probabilities \\(0, 0.01, \dots, 0.99\\).
-    pub fn half_widths(&self) -> &[f64] {
-        &self.half_widths
     }
 
     /// Half the width of the central interval of probability `p`, in sigmas; linear between the table's entries.

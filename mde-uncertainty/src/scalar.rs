@@ -1,6 +1,6 @@
 use std::fmt::Debug;
 use std::iter::Sum;
-use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 /// The scalar that the formulas are written in: `f32` for speed, `f64` as the reference.
 ///
@@ -20,7 +20,6 @@ pub trait Real:
     + Div<Output = Self>
     + Neg<Output = Self>
     + AddAssign
-    + SubAssign
     + Sum
 {
     /// 0.

@@ -102,10 +102,8 @@ pub fn spearman(x: &[f64], y: &[f64]) -> Result<Option<f64>> {
     Ok(pearson(&average_ranks(x)?, &average_ranks(y)?))
 }
 
-/// Pearson's correlation of two lists, over the length of the shorter; `None` where one side is constant.
-pub fn pearson(x: &[f64], y: &[f64]) -> Option<f64> {
-    let count = x.len().min(y.len());
-    let (x, y) = (&x[..count], &y[..count]);
+/// Pearson's correlation of two lists of one length; `None` where one side is constant.
+fn pearson(x: &[f64], y: &[f64]) -> Option<f64> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (x_mean, y_mean) = (mean(x), mean(y));
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
@@ -139,14 +137,12 @@ impl Order {
         // Keys beside the indices: a sort that looks values up through indices misses the cache at every comparison.
         let mut keyed: Vec<(u64, u32)> = values.iter().map(|&v| rising_bits(v)).zip(0..).collect();
         keyed.sort_unstable();
-        let ends = ends(&keyed, |(key, _)| *key);
-        Ok(Self { indices: keyed.into_iter().map(|(_, index)| index).collect(), ends })
-    }
-
-    /// The order of values that are in rising order already.
-    pub fn of_sorted(values: &[f64]) -> Self {
-        let ends = ends(values, |value| rising_bits(*value));
-        Self { indices: (0..).zip(values).map(|(index, _)| index).collect(), ends }
+        let runs = keyed.chunk_by(|(a, _), (b, _)| a == b);
+        let ends = runs.scan(0, |end, run| {
+            *end += run.len();
+            Some(*end)
+        });
+        Ok(Self { ends: ends.collect(), indices: keyed.into_iter().map(|(_, index)| index).collect() })
     }
 
     /// `values` in this order; indices that they do not have are left out.
@@ -171,15 +167,6 @@ impl Order {
         let mut start = 0;
         self.ends.iter().map(move |&end| &self.indices[std::mem::replace(&mut start, end)..end])
     }
-}
-
-fn ends<V>(sorted: &[V], key: impl Fn(&V) -> u64) -> Vec<usize> {
-    let runs = sorted.chunk_by(|a, b| key(a) == key(b));
-    runs.scan(0, |end, run| {
-        *end += run.len();
-        Some(*end)
-    })
-    .collect()
 }
 
 /// Bits that compare as the numbers do, with both zeros equal.
@@ -271,7 +258,7 @@ mod tests {
             }
             let sorted = order.apply(&values);
             prop_assert!(sorted.is_sorted());
-            prop_assert_eq!(Order::of_sorted(&sorted).ranks(), order.apply(&ranks));
+            prop_assert_eq!(average_ranks(&sorted).unwrap(), order.apply(&ranks));
         }
     }
 }

@@ -27,19 +27,12 @@ fn main() -> Result<(), mde_warp::Error> {
         0.2 + 0.6 * stripe as f32
     });
 
+    let (origin, config) = (Pose::identity(), WarpConfig::default());
     let scale = median(mean).unwrap_or(1.0);
     println!("view  x [cm]  y [cm]  angle  hidden  outside   time");
     for (index, pose) in sample_poses(&ViewSampling::default(), scale, 1)?.iter().enumerate() {
         let start = Instant::now();
-        let warped = forward_warp(
-            image.view(),
-            &depth,
-            &camera,
-            &Pose::identity(),
-            &camera,
-            pose,
-            &WarpConfig::default(),
-        )?;
+        let warped = forward_warp(image.view(), &depth, &camera, &origin, &camera, pose, &config)?;
         let seconds = start.elapsed().as_secs_f64();
         let centre = pose.inverse().translation.vector * 100.0;
         println!(

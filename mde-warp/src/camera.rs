@@ -5,7 +5,7 @@ use nalgebra::{Point2, Point3, Vector3};
 const FILM_DIAGONAL: f64 = 43.266_615_305_567_875;
 
 /// Upper limit on pixels per image, so that sizes of buffers cannot overflow.
-const MAX_PIXELS: usize = 1 << 28;
+const MAX_PIXELS: f64 = 268_435_456.0;
 
 /// A pinhole camera without distortion (OpenCV: x right, y down, z forward; pixel centres at integers, from 0).
 ///
@@ -103,17 +103,12 @@ impl PinholeCamera {
                 return Err(Error::Camera { field, value: 0.0, need: "at least 1 pixel" });
             }
         }
-        match self.width.checked_mul(self.height) {
-            Some(pixels) if pixels <= MAX_PIXELS => Ok(()),
-            _ => {
-                let value = self.width as f64 * self.height as f64;
-                Err(Error::Camera {
-                    field: "number of pixels",
-                    value,
-                    need: "at most 2^28; resize the image",
-                })
-            }
+        let value = self.width as f64 * self.height as f64;
+        if value > MAX_PIXELS {
+            let need = "at most 2^28; resize the image";
+            return Err(Error::Camera { field: "number of pixels", value, need });
         }
+        Ok(())
     }
 
     /// `(height, width)`, the shape of this camera's maps.
@@ -157,8 +152,7 @@ impl PinholeCamera {
         self.validate()?;
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         // An empty size is reported as such, not as the focal length 0 that follows from it.
-        let size = Self { width, height, ..*self };
-        size.validate()?;
+        Self { width, height, ..*self }.check_size()?;
         let (cx, cy) = ((self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5);
         Self::new(self.fx * sx, self.fy * sy, cx, cy, width, height)
     }

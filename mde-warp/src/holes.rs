@@ -12,13 +12,6 @@ pub(crate) struct Hole {
     pub(crate) background: Option<(usize, usize)>,
 }
 
-impl Hole {
-    /// Pixels between the hole and its background.
-    pub(crate) fn distance(&self) -> Option<usize> {
-        self.background.map(|(row, column)| row.abs_diff(self.row) + column.abs_diff(self.column))
-    }
-}
-
 /// Every pixel of `depth` that is 0, row by row.
 ///
 /// The background is the deeper of the two covered pixels that end the pixel's empty run, along the row or the column,
@@ -34,8 +27,7 @@ pub(crate) fn find(depth: &Array2<f32>) -> Vec<Hole> {
     let mut above = vec![None; width];
     let mut holes = Vec::new();
     for row in 0..height {
-        let mut left = None;
-        let mut right = None;
+        let (mut left, mut right) = (None, None);
         for column in 0..width {
             if depth[(row, column)] > 0.0 {
                 left = Some(column);
@@ -48,11 +40,8 @@ pub(crate) fn find(depth: &Array2<f32>) -> Vec<Hole> {
             let right = right.filter(|&r| r != usize::MAX);
             let along_row = [left, right].map(|c| c.map(|c| (row, c)));
             let along_column = [above[column], below[(row, column)]].map(|r| r.map(|r| (r, column)));
-            holes.push(Hole {
-                row,
-                column,
-                background: background(depth, (row, column), along_row, along_column),
-            });
+            let background = background(depth, (row, column), along_row, along_column);
+            holes.push(Hole { row, column, background });
         }
     }
     spread(&mut holes, depth.dim());

@@ -5,17 +5,15 @@ use std::f64::consts::TAU;
 /// So many poses evenly on a circle about the original camera, of `radius` times the `distance`, that all look at the point ahead of the
 /// original camera at that distance; upright, the first to the right of it.
 pub fn orbit(count: usize, radius: f64, distance: f64) -> Vec<Pose> {
-    (0..count).map(|k| on_circle(k as f64 / count as f64, radius, distance)).collect()
-}
-
-/// The pose at a share of the full turn.
-fn on_circle(turn: f64, radius: f64, distance: f64) -> Pose {
-    let (sin, cos) = (TAU * turn).sin_cos();
-    let centre = Vector3::new(cos, sin, 0.0) * (radius * distance);
-    let ahead = Vector3::new(0.0, 0.0, distance) - centre;
-    // y points down, so "up" of a right-handed frame with z ahead is y itself.
-    let rotation = UnitQuaternion::look_at_rh(&-ahead, &Vector3::y());
-    Pose::from_parts(Translation3::from(-(rotation * centre)), rotation)
+    let pose = |k: usize| {
+        let (sin, cos) = (TAU * (k as f64 / count as f64)).sin_cos();
+        let centre = Vector3::new(cos, sin, 0.0) * (radius * distance);
+        let ahead = Vector3::new(0.0, 0.0, distance) - centre;
+        // y points down, so "up" of a right-handed frame with z ahead is y itself.
+        let rotation = UnitQuaternion::look_at_rh(&-ahead, &Vector3::y());
+        Pose::from_parts(Translation3::from(-(rotation * centre)), rotation)
+    };
+    (0..count).map(pose).collect()
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use crate::view::check_map;
 use crate::zbuffer::{Hit, front};
 use crate::{PinholeCamera, Pose, Result};
 use mde_uncertainty::GaussianDepth;
-use ndarray::{Array2, Zip};
+use ndarray::Array2;
 
 /// Settings of [`reproject`].
 #[derive(Debug, Clone, PartialEq)]
@@ -85,17 +85,9 @@ pub fn reproject(
     let transfer = Transfer::new((camera, pose), (target_camera, target))?;
     check_map("depth", depth.dim(), camera)?;
 
-    let mesh = Mesh::new(depth, transfer, config.tear);
-    let mixtures = combine(&mesh, depth, config);
-
-    let (mut mean, mut variance) =
-        GaussianDepth::missing(target_camera.height, target_camera.width).into_parts();
-    Zip::from(&mixtures).and(&mut mean).and(&mut variance).for_each(|mixture, mean, variance| {
-        if let Some((m, v)) = mixture.moments() {
-            (*mean, *variance) = (m, v);
-        }
-    });
-    Ok(GaussianDepth::new(mean, variance)?)
+    let mixtures = combine(&Mesh::new(depth, transfer, config.tear), depth, config);
+    let moments = mixtures.mapv(|mixture| mixture.moments().unwrap_or((0.0, f32::INFINITY)));
+    Ok(GaussianDepth::new(moments.mapv(|m| m.0), moments.mapv(|m| m.1))?)
 }
 
 /// The front of every target pixel, and then all samples that belong to it.

@@ -39,14 +39,10 @@ impl ViewSampling {
     /// [`Error::Config`] with the first field at fault.
     pub fn validate(&self) -> Result<()> {
         let fraction = "give 0 to 0.5 (of the median depth; 0.01 to 0.02 is usual)";
+        let degrees = "give 0 to 30 (degrees; about 1 is usual)";
         in_range("count", self.count as f64, [0.0, 1e6], "give at most 1000000")?;
         in_range("translation", self.translation, [0.0, 0.5], fraction)?;
-        in_range(
-            "rotation-degrees",
-            self.rotation_degrees,
-            [0.0, 30.0],
-            "give 0 to 30 (degrees; about 1 is usual)",
-        )?;
+        in_range("rotation-degrees", self.rotation_degrees, [0.0, 30.0], degrees)?;
         in_range("rotation-only", self.rotation_only, [0.0, 0.5], "give 0 to 0.5 (a share of the poses)")
     }
 }

@@ -44,20 +44,15 @@ impl Transfer {
         check_pose("source", source.1)?;
         check_pose("target", target.1)?;
         let motion = target.1 * source.1.inverse();
-        let (rotation, translation) =
-            (motion.rotation.to_rotation_matrix().into_inner(), motion.translation.vector);
-        Ok(Self { source: *source.0, target: *target.0, rotation, translation })
+        let rotation = motion.rotation.to_rotation_matrix().into_inner();
+        Ok(Self { source: *source.0, target: *target.0, rotation, translation: motion.translation.vector })
     }
 
     /// The transfer from the target to the source.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
-        Self {
-            source: self.target,
-            target: self.source,
-            rotation,
-            translation: -(rotation * self.translation),
-        }
+        let translation = -(rotation * self.translation);
+        Self { source: self.target, target: self.source, rotation, translation }
     }
 
     /// Projection of a source pixel (column `u`, row `v`) at an inverse z-depth >= 0 into the target.
@@ -74,11 +69,8 @@ impl Transfer {
             inverse_depth: disparity * ratio,
             ratio,
         };
-        if projected.x.is_finite() && projected.y.is_finite() && projected.inverse_depth.is_finite() {
-            projected
-        } else {
-            Projected::default()
-        }
+        let finite = [projected.x, projected.y, projected.inverse_depth].iter().all(|x| x.is_finite());
+        if finite { projected } else { Projected::default() }
     }
 
     /// \\( \partial z' / \partial z = e_z^\top R d(u, v) \\): constant along a source ray.

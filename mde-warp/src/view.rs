@@ -58,11 +58,8 @@ pub(crate) fn check_map(what: &'static str, found: (usize, usize), camera: &Pinh
 pub(crate) fn check_image(image: ArrayView3<'_, f32>, camera: &PinholeCamera) -> Result<()> {
     let expected = [camera.height, camera.width, 3];
     if image.shape() != expected {
-        return Err(Error::Shape {
-            what: "image",
-            found: image.shape().to_vec(),
-            expected: expected.to_vec(),
-        });
+        let (found, expected) = (image.shape().to_vec(), expected.to_vec());
+        return Err(Error::Shape { what: "image", found, expected });
     }
     match image.indexed_iter().find(|(_, value)| !value.is_finite()) {
         Some(((row, column, channel), &value)) => Err(Error::Colour { row, column, channel, value }),

@@ -112,7 +112,7 @@ pub fn forward_warp(
     let holes = holes::find(&warped_mean);
     let back = transfer.inverse();
     let inside = holes.iter().filter(|hole| within_source(hole, &warped_mean, &back)).count();
-    fill(&mut colours, &holes);
+    holes.iter().for_each(|hole| fill(&mut colours, hole));
     let share = |count: usize| count as f64 / mask.len() as f64;
     Ok(WarpedView {
         hole_fraction: share(inside),
@@ -123,17 +123,15 @@ pub fn forward_warp(
 }
 
 fn warped_depth(hits: &Array2<Hit>, source: &GaussianDepth, transfer: &Transfer) -> Result<GaussianDepth> {
-    let (height, width) = hits.dim();
-    let (mut mean, mut variance) = GaussianDepth::missing(height, width).into_parts();
-    Zip::from(hits).and(&mut mean).and(&mut variance).for_each(|hit, mean, variance| {
+    let moments = hits.map(|hit| {
         let depth = hit.depth() as f32;
-        if !hit.is_empty() && depth > 0.0 && depth.is_finite() {
-            let gain = transfer.gain(hit.u, hit.v);
-            *mean = depth;
-            *variance = (gain * gain * hit.source_variance(source)) as f32;
+        if hit.is_empty() || !(depth > 0.0 && depth.is_finite()) {
+            return (0.0, f32::INFINITY);
         }
+        let gain = transfer.gain(hit.u, hit.v);
+        (depth, (gain * gain * hit.source_variance(source)) as f32)
     });
-    Ok(GaussianDepth::new(mean, variance)?)
+    Ok(GaussianDepth::new(moments.mapv(|m| m.0), moments.mapv(|m| m.1))?)
 }
 
 /// The source's colours where `mask` is true, black elsewhere.
@@ -162,12 +160,12 @@ fn within_source(hole: &Hole, depth: &Array2<f32>, back: &Transfer) -> bool {
     projected.ratio > 0.0 && back.target.contains([projected.x, projected.y].into())
 }
 
-fn fill(colours: &mut Array3<f32>, holes: &[Hole]) {
-    for hole in holes {
-        let near = hole.distance().is_some_and(|distance| distance <= FILL_DISTANCE);
-        let Some((row, column)) = hole.background.filter(|_| near) else {
-            continue;
-        };
+/// Gives a hole the colour of its background, where that is near.
+fn fill(colours: &mut Array3<f32>, hole: &Hole) {
+    let near = |(row, column): &(usize, usize)| {
+        row.abs_diff(hole.row) + column.abs_diff(hole.column) <= FILL_DISTANCE
+    };
+    if let Some((row, column)) = hole.background.filter(near) {
         for channel in 0..3 {
             colours[(hole.row, hole.column, channel)] = colours[(row, column, channel)];
         }

@@ -9,8 +9,7 @@ use mde_prior::augment::Predictions;
 pub enum Preset {
     /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
     Paper,
-    /// Test-time augmentation: the model also predicts crops and mirror images, and the merged map is the result. A depth map from a
-    /// file gets an error bar and stays as it is.
+    /// Test-time augmentation: the merged predictions of crops and mirror images are the result. A file's depth only gets an error bar.
     #[default]
     Default,
     /// The same with at most five predictions.

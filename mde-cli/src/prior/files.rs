@@ -1,16 +1,14 @@
 //! Priors from files: maps, and networks with their format.
 
 use crate::error::{Error, Result};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
+use crate::prior::{METRES, OpenPrior, PriorForm, PriorOrigin};
 use mde_prior::format::{PngContent, ReadOptions, png_content};
 use mde_prior::{DepthKind, FileKind, FilePrior, open};
 use std::io::Read as _;
 use std::path::Path;
 
 impl OpenPrior<'_> {
-    /// Reads a map. Without a kind it is metric, or depth in an unknown unit where the file's metadata have another unit. Eight bits are
-    /// read as disparity alone, whatever `options` has.
+    /// Reads a map, without a kind as metric, or of the unknown unit in its metadata. Eight bits are read as disparity alone, in any case.
     ///
     /// # Errors
     /// [`Error::Prior`] for a file that can't be read.
@@ -45,8 +43,7 @@ impl OpenPrior<'_> {
         Ok(Self { note, ..Self::map(prior, PriorOrigin::new(PriorForm::Map, kind, source)) })
     }
 
-    /// Opens a network on a runtime. Its format is that of the profile of that name or file, by default the recognised one; `kind` is that
-    /// of its values, where it is given.
+    /// Opens a network on a runtime. A profile's name or file gives its format, by default recognised; `kind` that of its values, if any.
     ///
     /// # Errors
     /// [`Error::Prior`] for an unknown profile, or a network that can't be opened; [`Error::Argument`] for one that is not recognised.
@@ -123,10 +120,8 @@ pub fn read_options(name: &str, scale: Option<f64>) -> Result<ReadOptions> {
 
 /// The unit in the metadata of a depth map.
 fn unit(path: &Path) -> Option<String> {
-    match png_content(path).ok().flatten() {
-        Some(PngContent::Depth { unit, .. }) => Some(unit),
-        _ => None,
-    }
+    let Ok(Some(PngContent::Depth { unit, .. })) = png_content(path) else { return None };
+    Some(unit)
 }
 
 /// Whether a file is a PNG of 8 bits a sample; `grey`: of one channel.

@@ -3,8 +3,10 @@
 pub mod files;
 pub mod origin;
 
+pub use files::read_options;
+pub use origin::{METRES, PriorForm, PriorOrigin};
+
 use crate::error::{Error, Result};
-use crate::prior::origin::{PriorForm, PriorOrigin};
 use mde_prior::{DepthKind, DepthPrior, FileKind, FilePrior, PriorDepth, open};
 use ndarray::{Array2, Array3, ArrayView3};
 use std::path::Path;

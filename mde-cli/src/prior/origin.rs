@@ -54,10 +54,8 @@ impl PriorOrigin {
 
     /// The message about a network whose order of near and far is exchanged, with that mean correlation with known depth.
     pub fn swapped(&self, correlation: f64) -> String {
-        let remedy = match self.kind {
-            DepthKind::AffineDisparity => "metric or depth",
-            _ => "disparity",
-        };
+        let disparity = self.kind == DepthKind::AffineDisparity;
+        let remedy = if disparity { "metric or depth" } else { "disparity" };
         format!(
             "{}: near and far are exchanged in rooms of known depth (mean correlation {correlation:.2}), as where a disparity is taken for a depth \
              or the reverse; give {{prior-kind}} {remedy}, or check the profile",
@@ -65,8 +63,7 @@ impl PriorOrigin {
         )
     }
 
-    /// The origin of predictions for cameras of that focal length / width, where it is known: a network whose metres depend on it has some
-    /// only then.
+    /// The origin of predictions at that focal length / width: a network whose metres depend on it has some only where it is known.
     #[must_use]
     pub fn at_focal(&self, focal: Option<f64>) -> Self {
         let metric = self.model.as_ref().filter(|spec| spec.canonical_focal.is_some() && focal.is_some());

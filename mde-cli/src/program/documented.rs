@@ -1,10 +1,9 @@
 //! Checks of the documents and of the help: their commands, options and settings exist.
 
 use crate::config::{Config, Preset};
-use crate::program::args::Cli;
+use crate::program::Cli;
 use crate::program::args::Command as Subcommand;
-use crate::program::evaluation::ablation;
-use crate::program::evaluation::method::Method;
+use crate::program::evaluation::{Method, ablation};
 use clap::error::ErrorKind;
 use clap::{Command, CommandFactory, Parser};
 use std::collections::BTreeSet;
@@ -39,8 +38,7 @@ fn examples(command: &Command) -> Vec<String> {
     own.chain(command.get_subcommands().flat_map(examples)).collect()
 }
 
-/// Parses a command of the program, also one that Cargo starts, and checks what the parser leaves to the command: names of methods and
-/// rows. Other programs' are false.
+/// Parses a command of the program, also one that Cargo starts, with its names of methods and rows. Other programs' are false.
 fn is_taken(words: &[String]) -> Result<bool, String> {
     let start = match &*words[0] {
         "mde" => Some(0),

@@ -1,10 +1,11 @@
 //! Ctrl-C, SIGTERM, SIGHUP and SIGQUIT.
 
+use crate::program::lock;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 use std::thread;
 use std::time::Duration;
 
@@ -54,7 +55,6 @@ fn wait_for_quit() {
     }
 }
 
-/// Whether a signal has arrived.
 pub(crate) fn requested() -> bool {
     REQUESTED.load(Ordering::SeqCst)
 }
@@ -65,7 +65,6 @@ pub(crate) fn flow() -> ControlFlow<()> {
 }
 
 /// A file or folder that is removed when a signal ends the program, until this is dropped.
-#[derive(Debug)]
 pub(crate) struct Guard(PathBuf);
 
 /// Names a file or folder to be removed when a signal ends the program.
@@ -82,5 +81,5 @@ impl Drop for Guard {
 
 /// The guarded names; while this is held, a signal does not end the program.
 pub(crate) fn hold() -> MutexGuard<'static, Vec<PathBuf>> {
-    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+    lock(&TEMPORARY)
 }

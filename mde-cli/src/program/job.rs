@@ -1,22 +1,23 @@
-//! One refinement: its steps, and the files of its folder.
+//! One refinement: its steps, the files of its folder, and its scores against ground truth.
 
 use crate::output::export::Format;
 use crate::output::files::{Beside, ResultFiles};
 use crate::output::preview::strip;
 use crate::output::record::RunRecord;
-use crate::program::open::truth::Truth;
-use crate::program::progress::Progress;
-use crate::program::provenance::{about, write_json};
-use crate::program::store::folder::{OutputFolder, RECORD};
-use crate::program::terminal::line_of;
-use crate::program::{report, summary};
+use crate::program::store::{OutputFolder, RECORD};
+use crate::program::{Progress, about, line_of, report, summary, write_json};
 use crate::refiner::{Plan, Prepared, Refined, Refiner};
 use crate::reports::Refinement;
 use crate::scene::Scene;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
+use mde_eval::align::AlignmentRule;
+use mde_eval::score::Subject;
 use mde_eval::table::{Comparison, Document};
 use mde_prior::DepthKind;
+use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::write_image;
+use mde_prior::resample::nearest;
+use ndarray::Array2;
 use serde_json::json;
 use std::fs;
 use std::path::Path;
@@ -26,7 +27,6 @@ use std::time::Instant;
 pub(crate) struct Job<'p> {
     pub(crate) command: &'static str,
     pub(crate) refiner: &'p Refiner<'p>,
-    /// Files for other programs.
     pub(crate) export: &'p [Format],
     pub(crate) truth: Option<Truth>,
     /// Whether the photographs are written too, as they are.
@@ -142,5 +142,41 @@ impl Job<'_> {
         }
         let mut formats = self.export.iter().filter(|format| !format.is_of_capture());
         Ok(formats.try_for_each(|format| files.export(*format, path))?)
+    }
+}
+
+pub(crate) struct Truth {
+    pub(crate) source: String,
+    /// Metres, `[height, width]`; 0 = missing.
+    pub(crate) depth: Array2<f32>,
+}
+
+impl Truth {
+    /// The map that `--gt` names for an image of `(height, width)`, resized.
+    pub(crate) fn open(path: &Path, size: (usize, usize), to: (usize, usize)) -> Result<Self> {
+        let (source, depth) = (path.display().to_string(), read_depth(path, &ReadOptions::default())?);
+        let ((height, width), (rows, columns)) = (size, depth.dim());
+        ensure!(
+            depth.dim() == size,
+            "{source}: the truth is {columns}x{rows} but the image is {width}x{height} (width x height); make both the same size"
+        );
+        Ok(Self { source, depth: nearest(depth.view(), to) })
+    }
+
+    /// Scores of prior and refined depth, each under its own alignment, by three rules.
+    pub(crate) fn compare(&self, refinement: &Refinement, kind: DepthKind) -> Result<Comparison> {
+        let sigma = refinement.depth.sigma();
+        let prior = Subject::new(refinement.prior.view(), self.depth.view());
+        let refined = Subject::new(refinement.depth.mean(), self.depth.view()).with_sigma(sigma.view());
+        Comparison::new(&self.source, &prior, &refined, rules(kind)).with_context(|| self.source.clone())
+    }
+}
+
+/// The first is printed.
+fn rules(kind: DepthKind) -> [AlignmentRule; 3] {
+    use AlignmentRule::{LeastSquaresDisparity, Median, None};
+    match kind {
+        DepthKind::AffineDisparity => [LeastSquaresDisparity, Median, None],
+        _ => [Median, None, LeastSquaresDisparity],
     }
 }

@@ -4,7 +4,6 @@ mod args;
 mod commands;
 #[cfg(test)]
 mod documented;
-mod error;
 mod evaluation;
 mod interrupt;
 mod job;
@@ -18,16 +17,19 @@ mod summary;
 mod terminal;
 mod workers;
 
-use crate::program::args::Command;
-use crate::program::error::{Partial, fault, message};
-use crate::program::open::photographs;
-use crate::program::terminal::visible;
+use args::*;
 use clap::FromArgMatches;
+use job::{Job, Truth};
+use open::photographs;
+use progress::Progress;
+use provenance::{about, command_line, peak_memory, write_json, write_record};
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
+use summary::intervals;
+use terminal::{Partial, columns, fault, flags, line_of, message, number, one_line, partial, print, visible};
+use workers::{caught, lock, side_by_side};
 
-/// The exit code after a fault of the program itself.
 const FAULT: u8 = 101;
 const KEPT: &str = "interrupted; finished work is kept, and the same command resumes it";
 
@@ -39,13 +41,13 @@ pub fn main() -> ExitCode {
     panic::set_hook(Box::new(|info| *fault() = info.to_string()));
     interrupt::install();
     let Ok(result) = panic::catch_unwind(AssertUnwindSafe(|| commands::run(&cli.command))) else {
-        print(&format!("error: a fault of the program, please report it: {}", fault()));
+        tell(&format!("error: a fault of the program, please report it: {}", fault()));
         return ExitCode::from(FAULT);
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() => {
-            print(match &cli.command {
+            tell(match &cli.command {
                 Command::Eval(_) | Command::Ablate(_) | Command::Calibrate(_) => KEPT,
                 Command::Refine(one) if photographs::are_many(&one.photographs()) => KEPT,
                 Command::Dense(_) => KEPT,
@@ -54,7 +56,7 @@ pub fn main() -> ExitCode {
             ExitCode::from(interrupt::EXIT_CODE)
         }
         Err(error) => {
-            print(&format!(
+            tell(&format!(
                 "{} {}",
                 console::style("error:").for_stderr().red().bold(),
                 visible(&message(&error))
@@ -65,7 +67,7 @@ pub fn main() -> ExitCode {
 }
 
 /// One line on stderr.
-fn print(message: &str) {
+fn tell(message: &str) {
     let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
     let _ = writeln!(io::stderr(), "{line}");
 }

@@ -1,12 +1,9 @@
 //! Progress: a line that is drawn again on a terminal, plain lines elsewhere, JSON lines, or nothing.
 
 use crate::output::record::{TrainingCurve, follow};
-use crate::program::args::RunArgs;
-use crate::program::error::flags;
-use crate::program::interrupt;
-use crate::program::open::settings::start_threads;
-use crate::program::terminal::{columns, one_line, visible};
-use crate::refinement::event::{Event, Stage};
+use crate::program::open::start_threads;
+use crate::program::{RunArgs, columns, flags, interrupt, one_line, visible};
+use crate::refinement::{Event, Stage};
 use crate::refiner::Observer;
 use anyhow::Result;
 use console::{Term, style, truncate_str};
@@ -21,7 +18,6 @@ use std::time::{Duration, Instant};
 /// Least time between two drawings of a line.
 const REDRAW: Duration = Duration::from_millis(50);
 
-/// Begins the line of a warning.
 const WARNING: &str = "warning:";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,7 +29,6 @@ enum Mode {
 }
 
 /// A stage, or the pieces of a run's work.
-#[derive(Debug)]
 struct Current {
     name: String,
     start: Instant,
@@ -70,8 +65,6 @@ impl Drop for Current {
     }
 }
 
-/// Progress of a run.
-#[derive(Debug)]
 pub(crate) struct Progress {
     mode: Mode,
     start: Instant,
@@ -79,9 +72,8 @@ pub(crate) struct Progress {
     iteration: [usize; 2],
     current: Option<Current>,
     /// Of the whole run, and of the refinement that it is at.
-    warnings: Vec<String>,
-    own_warnings: Vec<String>,
-    /// When that refinement began.
+    pub(crate) warnings: Vec<String>,
+    pub(crate) own_warnings: Vec<String>,
     begun: Instant,
     /// Warnings that follow before the result.
     unprinted: Vec<String>,
@@ -121,7 +113,6 @@ impl Progress {
         }
     }
 
-    /// Seconds since the program began.
     pub(crate) fn seconds(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
     }
@@ -139,16 +130,6 @@ impl Progress {
         for warning in std::mem::take(&mut self.unprinted) {
             self.line(&format!("{WARNING} {warning}"));
         }
-    }
-
-    /// Every warning so far.
-    pub(crate) fn all_warnings(&self) -> &[String] {
-        &self.warnings
-    }
-
-    /// The warnings of the refinement that the run is at.
-    pub(crate) fn own_warnings(&self) -> &[String] {
-        &self.own_warnings
     }
 
     /// Seconds since that refinement began.
@@ -227,8 +208,7 @@ impl Progress {
         self.draw(text, Some(left));
     }
 
-    /// Reports one finished piece of work; `left` estimates the remaining seconds. On a terminal the line names the last one, and only a piece
-    /// with an `error` in its `value` leaves another.
+    /// Reports a finished piece of work, with estimated seconds `left`. On a terminal only one with an `error` in its `value` leaves a line.
     pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
         self.in_pieces = true;
         if self.mode == Mode::Terminal {
@@ -369,9 +349,9 @@ mod tests {
         for (name, warning) in [("a.png", "resized"), ("b.png", "resized"), ("c.png", "no pose")] {
             progress.next(name);
             progress.warn(warning.to_owned());
-            assert_eq!(progress.own_warnings(), [warning], "{name}");
+            assert_eq!(progress.own_warnings, [warning], "{name}");
         }
-        assert_eq!(progress.all_warnings(), ["of the capture", "resized", "no pose"]);
+        assert_eq!(progress.warnings, ["of the capture", "resized", "no pose"]);
     }
 
     #[test]

@@ -1,16 +1,15 @@
 //! Provenance of a run: command, versions, memory.
 
 use crate::output::record::About;
-use crate::program::progress::Progress;
-use crate::program::store::folder::RECORD;
+use crate::program::Progress;
+use crate::program::store::RECORD;
 use crate::refiner::Settings;
-use crate::scene::camera::KnownCamera;
+use crate::scene::KnownCamera;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
 
-/// Writes a record as JSON.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value).with_context(|| path.display().to_string())?;
     Ok(mde_prior::write_atomic(path, (text + "\n").as_bytes())?)
@@ -43,7 +42,7 @@ pub(crate) fn about<'r>(
         command_line: Some(command_line()),
         preset: settings.map(|settings| settings.preset.name()),
         seed: settings.map(|settings| settings.config.seed),
-        warnings: progress.own_warnings(),
+        warnings: &progress.own_warnings,
         total_seconds: progress.own_seconds(),
         peak_memory_bytes: peak_memory(),
         ..About::new(command, input, camera)

@@ -1,10 +1,9 @@
 //! Summary of a finished run.
 
-use crate::prior::origin::PriorForm;
-use crate::program::error::flags;
-use crate::refiner::Refined;
-use crate::refiner::error_bar::ErrorBar;
-use crate::reports::capture::{CaptureReport, PoseSource};
+use crate::prior::PriorForm;
+use crate::program::{flags, number};
+use crate::refiner::{ErrorBar, Refined};
+use crate::reports::{CaptureReport, PoseSource};
 use mde_uncertainty::statistics::{median, quantile};
 
 /// What `--interval` adds to each folder of several photographs, as a line; nothing without it.
@@ -64,7 +63,7 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
     };
     let mut lines = vec![format!(
         "depth: {change}\nsigma: median {}{unit}, {} of the depth{assumed}{scale}",
-        median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
+        number(median(known), 3),
         percent(median(relative)),
     )];
     lines.push(format!("camera: {}", flags(&camera.title())));

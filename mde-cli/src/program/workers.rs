@@ -1,9 +1,8 @@
 //! Work side by side, on threads of its own: a pool's thread that waits for memory could take up a task that waits for it.
 
 use crate::error::Error;
-use crate::program::error::fault;
-use crate::program::interrupt;
-use anyhow::{Result, anyhow, bail};
+use crate::program::{fault, interrupt};
+use anyhow::{Result, anyhow, ensure};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -34,9 +33,7 @@ pub(crate) fn side_by_side<T: Send>(
             run();
         }
     });
-    if interrupt::requested() {
-        bail!(Error::Interrupted);
-    }
+    ensure!(!interrupt::requested(), Error::Interrupted);
     Ok(made.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().flatten().collect())
 }
 

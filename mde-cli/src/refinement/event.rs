@@ -63,8 +63,7 @@ pub enum Event {
         /// Number of views to render; 0 during the fit.
         views: usize,
     },
-    /// A part of a stage of several photographs is done: pairs of photographs are matched ([`Stage::Poses`]), a photograph is swept
-    /// ([`Stage::Sweep`]).
+    /// Of several photographs a pair is matched ([`Stage::Poses`]), or one is swept ([`Stage::Sweep`]).
     Part {
         /// The stage.
         stage: Stage,

@@ -17,17 +17,16 @@ pub mod stages;
 mod upsample;
 pub mod views;
 
+pub use event::{Callback, Event, Stage};
+pub use stages::{FieldFactory, FieldRequest, Stages};
+
 use crate::config::{Config, IterationPrior};
 use crate::error::{Error, Result};
-use crate::refinement::event::{Callback, Event, Stage};
 use crate::refinement::predict::{Start, predict};
-use crate::refinement::stages::Stages;
 use crate::refinement::views::synthesise;
-use crate::reports::Refinement;
-use crate::reports::iteration::IterationReport;
-use crate::reports::prediction::Component;
+use crate::reports::{Component, IterationReport, Refinement};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
-use mde_nerf::RadianceField;
+use mde_nerf::{FieldEvent, RadianceField};
 use mde_prior::DepthPrior;
 use mde_prior::augment::Progress;
 use mde_uncertainty::GaussianDepth;
@@ -40,8 +39,7 @@ use views::median_depth;
 /// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
 ///
 /// # Errors
-/// The error of a stage, [`Error::EmptyPrior`], [`Error::Size`], [`Error::Argument`] for a prior out of range, or [`Error::Interrupted`] where the
-/// callback returned `Break`.
+/// The error of a stage, [`Error::EmptyPrior`], [`Error::Size`], [`Error::Argument`] for a prior out of range, [`Error::Interrupted`].
 pub fn refine(
     image: ArrayView3<'_, f32>,
     camera: &PinholeCamera,
@@ -60,24 +58,16 @@ pub fn refine(
         components.push(shared_error(&depth, share));
         return Ok(Refinement { depth, augmentation, components, certainty, ..Refinement::of_prior(prior) });
     }
-    let bayes;
-    let fuser: &dyn Fuser = match stages.fuser {
-        Some(fuser) => fuser,
-        None => {
-            bayes = BayesFuser::new(config.fusion.clone())?;
-            &bayes
-        }
-    };
+    let bayes = BayesFuser::new(config.fusion.clone())?;
+    let fuser = stages.fuser.unwrap_or(&bayes);
     let (mut current, mut iterations) = (anchor.clone(), Vec::new());
     loop {
         let index = iterations.len();
-        let fusion_prior = match (index, config.refinement.prior) {
+        let fusion_prior = match config.refinement.prior {
+            IterationPrior::Carry if index > 0 => Prior::with_variance(current.clone())?,
             // A single prediction has no spread: the fusion estimates its variance.
-            (0, _) | (_, IterationPrior::Anchor) if augmentation.predictions == 1 => {
-                Prior::new(prior.clone())?
-            }
-            (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
-            (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
+            _ if augmentation.predictions == 1 => Prior::new(prior.clone())?,
+            _ => Prior::with_variance(anchor.clone())?,
         };
         let field = stages.field(config, index)?;
         let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, fuser)?;
@@ -141,15 +131,14 @@ impl Run<'_, '_> {
 
         let start = self.begin(Stage::Fit, index)?;
         let callback = &mut *self.callback;
-        let mut listen =
-            |event: &mde_nerf::FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
+        let mut listen = |event: &FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
         report.fit = field.fit(&views, &mut listen)?;
         report.seconds.fit = start.elapsed().as_secs_f64();
         drop(views);
 
         let start = self.begin(Stage::Render, index)?;
         let callback = &mut *self.callback;
-        let mut listen = |event: &mde_nerf::FieldEvent, view: usize, views: usize| {
+        let mut listen = |event: &FieldEvent, view: usize, views: usize| {
             callback(&Event::Field { event: *event, view, views })
         };
         let seen =
@@ -192,8 +181,7 @@ pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>
     }
 }
 
-/// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
-/// pixels known to both; `None` where there are none.
+/// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over pixels known to both, if any.
 fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
     let (field, prior): (Vec<f64>, Vec<f64>) = field
         .mean()

@@ -2,7 +2,7 @@
 
 use crate::config::{Config, SigmaConfig};
 use crate::error::{Error, Result};
-use crate::reports::prediction::{AugmentationReport, Component};
+use crate::reports::{AugmentationReport, Component};
 use mde_prior::augment::{Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
@@ -18,7 +18,6 @@ pub(crate) struct Start {
     pub(crate) prior: Array2<f32>,
     /// The merged depth; [exact](known) where there is one prediction, since it states no error.
     pub(crate) depth: GaussianDepth,
-    /// The parts of the standard deviation.
     pub(crate) components: Vec<Component>,
     /// How sure the model itself is.
     pub(crate) certainty: Option<Certainty>,

@@ -5,9 +5,8 @@
 //! own standard deviation is left out for depths. The variance of \\(a u + b\\) becomes a part of sigma.
 
 use crate::error::{Error, Result};
-use crate::reports::Refinement;
-use crate::reports::prediction::Component;
-use crate::scene::known::KnownDepth;
+use crate::reports::{Component, Refinement};
+use crate::scene::KnownDepth;
 use mde_fusion::{Affine, LinePoint, RobustLine};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
@@ -48,25 +47,15 @@ impl Refinement {
         // A depth or its disparity, and what divides the variance of the one to give that of the other.
         let unit = |z: f64| if of_disparity { 1.0 / z } else { z };
         let divisor = |z: f64| if of_disparity { z.powi(4) } else { 1.0 };
-        let mut points = Vec::new();
-        for point in known {
-            point.check()?;
-            let (x, y) = (point.x.round(), point.y.round());
-            let found = self.depth.get(y as usize, x as usize).filter(|(z, _)| *z > 0.0);
-            if x >= 0.0
-                && y >= 0.0
-                && let Some((z, variance)) = found
-            {
-                let (z, v) = (f64::from(z), point.depth);
-                let of_u = f64::from(variance) / divisor(z);
-                points.push(LinePoint {
-                    u: unit(z),
-                    u_variance: of_u,
-                    v: unit(v),
-                    v_variance: point.sigma.powi(2) / divisor(v),
-                });
-            }
-        }
+        known.iter().try_for_each(KnownDepth::check)?;
+        let point = |&KnownDepth { x, y, depth: v, sigma }: &KnownDepth| {
+            let (x, y) = (x.round(), y.round());
+            let (z, variance) = self.depth.get(y as usize, x as usize).filter(|_| x >= 0.0 && y >= 0.0)?;
+            let (z, variance) = (f64::from(z), f64::from(variance));
+            let (u_variance, v_variance) = (variance / divisor(z), sigma.powi(2) / divisor(v));
+            (z > 0.0).then(|| LinePoint { u: unit(z), u_variance, v: unit(v), v_variance })
+        };
+        let points: Vec<LinePoint> = known.iter().filter_map(point).collect();
         let least = if of_disparity { 2 } else { 1 };
         if points.len() < least {
             return Err(Error::Argument(format!(
@@ -149,14 +138,10 @@ impl Refinement {
         let variance = of_known(self.depth.variance(), |v, slope, scale| {
             (slope * slope * v + scale * scale).max(f32::MIN_POSITIVE)
         });
-        let mut components: Vec<Component> = self
-            .components
-            .iter()
-            .map(|part| Component {
-                name: part.name,
-                sigma: of_known(part.sigma.view(), |sigma, slope, _| slope * sigma),
-            })
-            .collect();
+        let mut components = self.components;
+        for part in &mut components {
+            part.sigma = of_known(part.sigma.view(), |sigma, slope, _| slope * sigma);
+        }
         let sigma =
             median(scale.iter().zip(&depth).filter(|(_, z)| **z > 0.0).map(|(s, z)| f64::from(s / z)));
         if let Some(part) = components.iter_mut().find(|part| Some(part.name) == name) {

@@ -75,12 +75,9 @@ impl<'s> Stages<'s> {
         self
     }
 
-    /// The field of an iteration.
     pub(crate) fn field(&mut self, config: &Config, iteration: usize) -> Result<Box<dyn RadianceField>> {
-        let seed = match iteration {
-            0 => config.seed,
-            later => derived_seed(config.seed, "field", later as u64),
-        };
+        let later = derived_seed(config.seed, "field", iteration as u64);
+        let seed = if iteration == 0 { config.seed } else { later };
         let request = FieldRequest { iteration, seed, config: &config.nerf };
         match &mut self.field {
             Some(factory) => factory(request),

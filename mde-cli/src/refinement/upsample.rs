@@ -1,6 +1,5 @@
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::reports::Refinement;
-use crate::reports::prediction::Component;
 use mde_prior::Certainty;
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_uncertainty::GaussianDepth;
@@ -48,18 +47,15 @@ impl Refinement {
         };
         let depth = known(0, 0.0, |z| z);
         let variance = known(1, f32::INFINITY, |s| s * s);
-        let components = self.components.iter().zip(2..);
-        let components = components
-            .map(|(component, index)| Component {
-                name: component.name,
-                sigma: known(index, f32::INFINITY, |s| s),
-            })
-            .collect();
+        let mut components = self.components;
+        for (part, index) in components.iter_mut().zip(2..) {
+            part.sigma = known(index, f32::INFINITY, |s| s);
+        }
         let prior = match self.prior.iter().all(|&z| z > 0.0) {
             true => resize(self.prior.view(), (height, width), Filter::Bilinear),
             false => nearest(self.prior.view(), (height, width)),
         };
-        let depth = GaussianDepth::new(depth, variance).map_err(Error::from)?;
+        let depth = GaussianDepth::new(depth, variance)?;
         let resized = |map: Array2<f32>| resize(map.view(), (height, width), Filter::Bilinear);
         let certainty =
             self.certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });

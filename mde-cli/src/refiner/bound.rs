@@ -1,8 +1,7 @@
 //! A prior for one photograph.
 
 use crate::error::Result;
-use crate::prior::OpenPrior;
-use crate::prior::origin::PriorOrigin;
+use crate::prior::{OpenPrior, PriorOrigin};
 use crate::scene::Photograph;
 use mde_prior::{DepthPrior, InferenceMemory, PriorDepth};
 use ndarray::{Array3, ArrayView3};

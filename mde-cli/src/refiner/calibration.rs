@@ -41,8 +41,7 @@ struct Decisive<'c> {
     several: Option<(&'c MultiViewConfig, Option<&'c NerfConfig>)>,
 }
 
-/// What the sigma of these settings depends on, for a prior that accepts new images or does not, of one photograph or of `several`, and
-/// the depth model's [`hash`] where there is one.
+/// What sigma depends on: the settings, whether the prior accepts new images, one photograph or `several`, the model's [`hash`] if any.
 ///
 /// # Errors
 /// [`Error::External`] for a configuration that can't be serialised.
@@ -98,8 +97,7 @@ mod tests {
         assert!(!same(&|c| c.fusion.common_error = 0.1, true));
     }
 
-    /// A changed default needs a new calibration. That it holds on photographs is for an evaluation to show. Half widths calibrated on
-    /// test-time augmentation do not hold for stereo.
+    /// A changed default needs a new calibration. Half widths calibrated on test-time augmentation do not hold for stereo.
     #[test]
     fn the_shipped_calibration_is_of_one_photograph_the_default_settings_and_its_model_only() {
         let shipped = shipped().unwrap();

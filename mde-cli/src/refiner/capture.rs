@@ -2,8 +2,7 @@
 
 use crate::error::{Error, Result, text};
 use crate::refiner::{Observer, Plan, Refiner};
-use crate::scene::camera::{CameraSource, GivenCamera, KnownCamera};
-use crate::scene::{Photograph, Scene};
+use crate::scene::{CameraSource, GivenCamera, KnownCamera, Photograph, Scene};
 use mde_mvs::capture::{CaptureFiles, Distortion, Lens};
 use mde_prior::photo::{image_size, read_image};
 use std::path::{Path, PathBuf};
@@ -82,8 +81,7 @@ impl Refiner<'_> {
     }
 }
 
-/// The scene of the photographs that are different pictures, with file names instead of paths where they are unique, and which these are.
-/// Warns of the others, and of those that could not be read.
+/// The scene of the different pictures, by their file names where those are unique, and which these are. Warns of copies and unreadable ones.
 ///
 /// # Errors
 /// The fault of a photograph where fewer than two could be read, and those of [`Scene::several`].

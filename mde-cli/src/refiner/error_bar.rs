@@ -2,7 +2,7 @@
 
 use crate::config::{Config, Preset};
 use crate::error::Result;
-use crate::prior::origin::{PriorForm, PriorOrigin};
+use crate::prior::{PriorForm, PriorOrigin};
 use crate::refiner::calibration::{fingerprint, read, shipped};
 use crate::reports::Refinement;
 use mde_uncertainty::GaussianDepth;
@@ -63,11 +63,8 @@ impl ErrorBar {
     /// # Errors
     /// Those of [`read`].
     pub fn open(probability: Option<f64>, calibration: Option<&Path>) -> Result<Self> {
-        let given = match calibration {
-            Some(path) => Some((path.display().to_string(), read(path)?)),
-            None => None,
-        };
-        Ok(Self { probability, given })
+        let named = |path: &Path| -> Result<_> { Ok((path.display().to_string(), read(path)?)) };
+        Ok(Self { probability, given: calibration.map(named).transpose()? })
     }
 
     /// What results depend on: the probability, and the calibration by its content.
@@ -153,10 +150,8 @@ impl ErrorBar {
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
             None => {
-                let of = match mismatch {
-                    Some(Mismatch::Model) => "this depth model",
-                    _ => "these settings",
-                };
+                let of =
+                    if mismatch == Some(Mismatch::Model) { "this depth model" } else { "these settings" };
                 stated.warnings.push(format!(
                     "{{interval}}: no calibration for {of}, so the interval assumes a normal distribution; calibrate to estimate one"
                 ));

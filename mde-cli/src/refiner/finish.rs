@@ -2,16 +2,12 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result, text};
-use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
+use crate::prior::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
-use crate::refiner::error_bar::Stated;
 use crate::refiner::plausibility::doubts;
-use crate::refiner::{Prepared, Settings};
-use crate::reports::Refinement;
-use crate::reports::prediction::Component;
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::size::{byte, thumbnail};
-use crate::scene::{SameScale, Scene};
+use crate::refiner::{Prepared, Settings, Stated};
+use crate::reports::{Component, Refinement};
+use crate::scene::{CameraSource, KnownCamera, SameScale, Scene, byte, thumbnail};
 use mde_prior::DepthKind;
 use mde_prior::format::DepthPng;
 use mde_uncertainty::statistics::median;
@@ -111,19 +107,14 @@ impl<'s> Prepared<'s> {
     ) -> Result<Refined<'s>> {
         let (scene, origin) = (self.scene, self.origin());
         let Settings { config, error_bar, .. } = &self.refiner.settings;
-        let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
-        if let Some(report) = &refinement.capture {
-            match &report.fallback {
-                Some(reason) => {
-                    warn(format!("{{views}}: {reason}; only the reference photograph was used"));
-                }
-                None => {
-                    let estimated = report.photographs.get(photograph).and_then(|found| found.camera);
-                    if let Some(found) = estimated.filter(|found| *found != camera.camera) {
-                        camera = KnownCamera { camera: found, source: CameraSource::Estimated };
-                    }
-                }
-            }
+        let report = refinement.capture.as_ref();
+        let used = report.is_some_and(|report| report.fallback.is_none());
+        if let Some(reason) = report.and_then(|report| report.fallback.as_ref()) {
+            warn(format!("{{views}}: {reason}; only the reference photograph was used"));
+        }
+        let estimated = report.filter(|_| used).and_then(|report| report.photographs.get(photograph)?.camera);
+        if let Some(found) = estimated.filter(|found| *found != camera.camera) {
+            camera = KnownCamera { camera: found, source: CameraSource::Estimated };
         }
         // Refused photographs have no unit.
         let mut unit = self.result_unit();
@@ -214,8 +205,7 @@ impl<'s> Refined<'s> {
         std::iter::once(self.image).chain(used.map(|(_, (one, _))| one.image.view())).collect()
     }
 
-    /// Pictures of several photographs, by the names of their files: the photographs, small, and the novel view beside what the field
-    /// renders.
+    /// Pictures of several photographs, by file names: the photographs, small, and the novel view beside what the field renders.
     pub fn pictures(&self) -> Vec<(String, Array3<u8>)> {
         let Some(report) = &self.refinement.capture else { return Vec::new() };
         let small = |image: ArrayView3<'_, f32>| thumbnail(image).mapv(byte);

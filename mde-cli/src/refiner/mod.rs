@@ -37,25 +37,20 @@ pub mod same_scale;
 #[cfg(test)]
 mod tests;
 
-pub use finish::{Refined, Unit};
+pub use error_bar::{ErrorBar, Stated};
+pub use finish::{NOVEL, RENDERED, Refined, Unit, picture_of};
+pub use plan::inference::PhotographMemory;
+pub use plan::limit::MemoryLimit;
+pub use plan::{SceneMemory, refine_bytes, render_bytes, scene_bytes};
 
 use crate::config::{Config, Preset};
 use crate::error::{Error, Result, text};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::refinement::event::Event;
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
 use crate::refinement::predict::known;
-use crate::refinement::refine;
-use crate::refinement::stages::{FieldFactory, Stages};
 use crate::refinement::views::synthesise;
+use crate::refinement::{Event, FieldFactory, Stages, refine};
 use crate::refiner::bound::PhotographPrior;
-use crate::refiner::error_bar::ErrorBar;
-use crate::refiner::plan::inference::PhotographMemory;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::plan::scene_bytes;
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::size::Sizes;
-use crate::scene::{Photograph, Scene};
+use crate::scene::{CameraSource, KnownCamera, Photograph, Scene, Sizes};
 use crate::several::prepared::PreparedScene;
 use mde_prior::{DepthPrior, ModelSpec};
 use mde_warp::{PinholeCamera, PosedView, WarpReport};
@@ -200,8 +195,7 @@ impl<'p> Refiner<'p> {
         Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
     }
 
-    /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. Its camera is the network's own where the
-    /// network estimates one and none is known.
+    /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. An unknown camera is the network's.
     fn bind(
         &self,
         photograph: &Photograph,
@@ -250,8 +244,7 @@ impl<'p> Refiner<'p> {
         scale.prepare(photograph.image.view(), &camera, &prior)
     }
 
-    /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of those
-    /// that are swept together.
+    /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of views.
     ///
     /// # Errors
     /// [`Error::Argument`] for a scene without its reference, the error of the prior, and those of [`PreparedScene::new`].
@@ -303,8 +296,7 @@ impl<'s> Prepared<'s> {
     /// Refines a photograph: the reference of one, any of several. `field` makes the field in the place of [`Config::nerf`]'s.
     ///
     /// # Errors
-    /// The error of a stage, [`Error::Interrupted`] where the observer returned `Break`, [`Error::Argument`] for known
-    /// depths that give no scale.
+    /// The error of a stage, [`Error::Interrupted`] after a `Break` of the observer, [`Error::Argument`] for known depths without a scale.
     pub fn refine(
         &mut self,
         photograph: usize,

@@ -1,7 +1,7 @@
 //! Signs that a model's output is no depth of the photograph.
 
 use crate::config::Config;
-use crate::prior::origin::PriorOrigin;
+use crate::prior::PriorOrigin;
 use mde_prior::DepthKind;
 use mde_uncertainty::statistics::quantile;
 use ndarray::Array2;
@@ -61,7 +61,7 @@ pub(super) fn doubts(
 mod tests {
     use super::*;
     use crate::config::Preset;
-    use crate::prior::origin::PriorForm;
+    use crate::prior::PriorForm;
 
     #[test]
     fn missing_constant_and_assumed_depth_are_named() {

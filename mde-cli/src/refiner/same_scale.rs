@@ -2,9 +2,7 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::scene::SameScale;
-use crate::scene::camera::KnownCamera;
-use crate::scene::size::within;
+use crate::scene::{KnownCamera, SameScale, within};
 use mde_mvs::poses::{LogFactor, PoseInput, Prepared, ScaleMatches};
 use mde_prior::resample::{nearest, shrink};
 use mde_prior::{DepthPrior, DisparityRule};
@@ -16,8 +14,7 @@ const LONGER_SIDE: usize = 640;
 /// Features of a photograph; a ratio needs fewer than a pose.
 const FEATURES: usize = 1500;
 
-/// Error of a whole photograph's factor over that by what it has in common with others: the median of two networks on 13 captures
-/// (docs/guide.md).
+/// Error of a whole photograph's factor over that of its common part: the median of two networks on 13 captures (docs/guide.md).
 const WHOLE: f64 = 2.2;
 
 /// The factors that bring the network's depth of many photographs to one scale.
@@ -37,8 +34,7 @@ impl OneScale {
         Self { disparity: config.disparity.clone(), matches: ScaleMatches::new(photographs, seed) }
     }
 
-    /// The features of a photograph, sRGB in 0 to 1 `[height, width, 3]`, and a prediction of its depth. Photographs may be prepared side
-    /// by side.
+    /// The features of a photograph, sRGB in 0 to 1 `[height, width, 3]`, and a prediction of its depth.
     ///
     /// # Errors
     /// [`Error::Prior`](crate::error::Error::Prior) where the network fails, [`Error::Warp`](crate::error::Error::Warp) and

@@ -1,13 +1,10 @@
 //! The one way with procedural rooms: what earlier ways of their own got wrong.
 
 use crate::config::{Config, Preset};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::refinement::event::Event;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::{Observer, Refined, Refiner, Settings, Silent, Unit};
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::{Photograph, Scene};
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
+use crate::refinement::Event;
+use crate::refiner::{MemoryLimit, Observer, Refined, Refiner, Settings, Silent, Unit};
+use crate::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use mde_eval::capture::Capture;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_prior::augment::Predictions;
@@ -18,10 +15,10 @@ use std::ops::ControlFlow;
 
 const SIZE: [usize; 2] = [128, 96];
 
-/// The exact depth of the first photograph, a constant elsewhere; of a network whose loading takes that many bytes.
-struct Network {
-    known: Option<(ArcArray<f32, Ix3>, Array2<f32>)>,
-    bytes: u64,
+/// The exact depth of the first photograph, a constant elsewhere; of a network that takes so many bytes, and a prediction a hundred million.
+pub(super) struct Network {
+    pub(super) known: Option<(ArcArray<f32, Ix3>, Array2<f32>)>,
+    pub(super) bytes: u64,
 }
 
 impl DepthPrior for Network {
@@ -38,8 +35,12 @@ impl DepthPrior for Network {
         true
     }
 
+    fn concurrency(&self) -> usize {
+        usize::MAX
+    }
+
     fn memory(&self, _: usize, _: usize) -> Option<InferenceMemory> {
-        Some(InferenceMemory { model: self.bytes, prediction: 0 })
+        Some(InferenceMemory { model: self.bytes, prediction: 100_000_000 })
     }
 }
 

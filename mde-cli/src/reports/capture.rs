@@ -1,6 +1,6 @@
 //! Several photographs: poses, choice, sweeps and field.
 
-use crate::reports::evidence::Evidence;
+use crate::reports::Evidence;
 use mde_fusion::FusionReport;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
@@ -69,8 +69,7 @@ pub struct PhotographReport {
     pub used: bool,
     /// Result of the pose estimation.
     pub verdict: String,
-    /// Number of its features that fit its pose and were matched in other photographs; for given poses, of its matches
-    /// that fit them.
+    /// Number of its features that fit its pose and were matched in other photographs; for given poses, of its matches that fit them.
     pub matches: Option<usize>,
     /// Distance from the reference over the median depth of what both see.
     pub parallax: Option<f64>,

@@ -20,8 +20,7 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Of a depth of the reference in the prior's unit; `fused` is the consensus of each view, `factor` the unit of the poses per unit of
-    /// the prior.
+    /// Of the reference's `depth` in the prior's unit, the consensus of each view, and `factor` units of the poses per unit of the prior.
     pub(crate) fn new(
         views: &[PosedView],
         fused: &[&GaussianDepth],

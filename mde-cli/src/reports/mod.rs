@@ -2,8 +2,10 @@
 
 pub mod capture;
 pub mod evidence;
-pub mod iteration;
 pub mod prediction;
 mod refinement;
 
-pub use refinement::Refinement;
+pub use capture::{CaptureReport, PoseSource};
+pub use evidence::Evidence;
+pub use prediction::{AugmentationReport, Component};
+pub use refinement::{IterationReport, Refinement, StageSeconds};

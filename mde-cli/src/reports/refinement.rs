@@ -1,12 +1,12 @@
-//! The maps of a refinement and what its steps found.
+//! The maps of a refinement, and what its iterations found.
 
 use crate::error::{Error, Result};
-use crate::reports::capture::{CaptureReport, PoseSource};
-use crate::reports::iteration::IterationReport;
-use crate::reports::prediction::{AugmentationReport, Component};
-use mde_nerf::RadianceField;
+use crate::reports::{AugmentationReport, CaptureReport, Component, PoseSource};
+use mde_fusion::FusionReport;
+use mde_nerf::{FitReport, RadianceField};
 use mde_prior::Certainty;
 use mde_uncertainty::GaussianDepth;
+use mde_warp::WarpReport;
 use ndarray::Array2;
 use serde::Serialize;
 
@@ -71,4 +71,34 @@ impl Refinement {
         let refined = self.mapped(None, |z| Some((factor * z, factor, 0.0)))?.0;
         Ok(refined.with_poses(Some(factor)))
     }
+}
+
+/// Report of one iteration of the loop.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct IterationReport {
+    /// Report of the synthetic views.
+    pub warp: WarpReport,
+    /// Report of the field's fit; its first PSNR is that of the original view.
+    pub fit: FitReport,
+    /// Estimates of the fusion.
+    pub fusion: FusionReport,
+    /// Spearman's correlation of the field's aggregated depth with the fusion's prior, over the pixels known to both.
+    pub field_prior_spearman: Option<f64>,
+    /// Median of \\(|D_r / D_o - 1|\\) over the same pixels, before the affine map.
+    pub field_prior_deviation: Option<f64>,
+    /// Wall seconds by stage.
+    pub seconds: StageSeconds,
+}
+
+/// Wall seconds by stage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct StageSeconds {
+    /// Making the synthetic views.
+    pub warp: f64,
+    /// Fitting the field.
+    pub fit: f64,
+    /// Rendering and reprojecting the novel views.
+    pub render: f64,
+    /// Fusing.
+    pub fuse: f64,
 }

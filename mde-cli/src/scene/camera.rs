@@ -84,8 +84,7 @@ impl KnownCamera {
     /// The camera of a photograph of that size, with the focal length of its EXIF in millimetres of 35 mm film.
     ///
     /// # Errors
-    /// [`Error::Prior`] for a file that can't be read; [`Error::Argument`] or [`Error::Warp`] for what is no camera of
-    /// that photograph.
+    /// [`Error::Prior`] for a file that can't be read; [`Error::Argument`] or [`Error::Warp`] for what is no camera of the photograph.
     pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
         let checked = |camera: PinholeCamera| {

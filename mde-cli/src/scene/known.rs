@@ -51,16 +51,14 @@ impl KnownDepths {
         photograph: &str,
         size: (usize, usize),
     ) -> Result<Self> {
+        let fault = |text: String| Error::Argument(format!("{{scale-from}} {source}: {text}"));
         if depths.is_empty() {
-            return Err(Error::Argument(format!(
-                "{{scale-from}} {source}: no depth of {photograph}; give its column, row and depth, separated by commas, or a COLMAP model that has points of it"
+            return Err(fault(format!(
+                "no depth of {photograph}; give its column, row and depth, separated by commas, or a COLMAP model that has points of it"
             )));
         }
         // Before the refinement, not after it.
-        depths
-            .iter()
-            .try_for_each(KnownDepth::check)
-            .map_err(|error| Error::Argument(format!("{{scale-from}} {source}: {}", text(&error))))?;
+        depths.iter().try_for_each(KnownDepth::check).map_err(|error| fault(text(&error)))?;
         Ok(Self { source, of_model: false, depths, size })
     }
 
@@ -82,6 +80,7 @@ mod files {
     use crate::error::text;
     use mde_mvs::capture::read_colmap_depths;
     use mde_prior::{FileKind, open};
+    use nalgebra::Point2;
     use std::path::Path;
 
     /// Most rows of a file.
@@ -157,13 +156,8 @@ mod files {
                 "{name} has {w}x{h} pixels in the model but {width}x{height} in its file; give the model of this file"
             ));
         }
-        let depth = |(pixel, depth): (nalgebra::Point2<f64>, f64)| KnownDepth {
-            x: pixel.x,
-            y: pixel.y,
-            depth,
-            sigma: 0.0,
-        };
-        Ok(found.depths.into_iter().map(depth).collect())
+        let known = |(at, depth): (Point2<f64>, f64)| KnownDepth { x: at.x, y: at.y, depth, sigma: 0.0 };
+        Ok(found.depths.into_iter().map(known).collect())
     }
 }
 

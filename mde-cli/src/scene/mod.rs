@@ -4,10 +4,12 @@ pub mod camera;
 pub mod known;
 pub mod size;
 
+pub use camera::{CameraSource, GivenCamera, KnownCamera};
+pub use known::{KnownDepth, KnownDepths};
+pub(crate) use size::within;
+pub use size::{SMALLEST, Sizes, byte, thumbnail};
+
 use crate::error::{Error, Result};
-use crate::scene::camera::KnownCamera;
-use crate::scene::known::KnownDepths;
-use crate::scene::size::{SMALLEST, Sizes};
 use mde_prior::resample::{nearest, shrink};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Point3;

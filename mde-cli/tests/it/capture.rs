@@ -7,7 +7,7 @@ use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transfor
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refiner::plan::scene_bytes;
+use mde_cli::refiner::scene_bytes;
 use mde_cli::{Config, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
@@ -70,9 +70,8 @@ fn the_report_of_several_large_photographs_is_below_five_megabytes() {
         prior.valid = Array2::from_elem((480, 640), true);
     }
     let place = on_disk(&room);
-    let quick =
-        "nerf = { train = { steps = 5, rays = 128 }, render = { coarse = 4, fine = 4 }, field.finest = 64 }";
-    place.write("quick.toml", quick);
+    let quick = "train = { steps = 5, rays = 128 }, render = { coarse = 4, fine = 4 }, field.finest = 64";
+    place.write("quick.toml", format!("nerf = {{ {quick} }}"));
     place.run(&format!("{REFINE} --views transforms.json -o out"));
     assert!(place.record("out")["capture"]["fallback"].is_null());
     let bytes = place.bytes("out/report.html").len();
@@ -145,8 +144,7 @@ fn poses_are_written_and_read_again() {
 const DENSE: &str = "dense transforms.json --prior-model grey.onnx --model-profile fastdepth \
                    --prior-kind metric --config quick.toml";
 
-/// All photographs with a network of brightness: what is written fits together. Killed after its first photograph, the same command takes
-/// that one and writes what an unbroken run writes.
+/// What is written fits together. Killed after its first photograph, the same command takes that one and writes what an unbroken run does.
 #[test]
 #[cfg(feature = "onnx")]
 fn every_photograph_gets_a_folder_and_all_a_cloud() {

@@ -62,7 +62,6 @@ impl Place {
         serde_json::from_slice(&self.bytes(name)).unwrap()
     }
 
-    /// The record of a run.
     pub(crate) fn record(&self, folder: &str) -> Value {
         self.json(&format!("{folder}/run.json"))
     }
@@ -85,7 +84,6 @@ impl Place {
         self.path(name).exists()
     }
 
-    /// Names in the folder, sorted.
     pub(crate) fn entries(&self) -> Vec<String> {
         names(self.folder.path())
     }

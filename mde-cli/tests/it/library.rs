@@ -2,8 +2,7 @@
 
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::ndarray::{Array2, Array3, ArrayView2, ArrayView3};
-use mde_cli::scene::camera::{CameraSource, KnownCamera};
-use mde_cli::scene::{Photograph, Scene};
+use mde_cli::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use mde_cli::{Config, Event, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};

@@ -25,7 +25,6 @@ fn place(count: usize) -> Place {
     place
 }
 
-/// The folders of finished photographs.
 fn folders(place: &Place, out: &str) -> Vec<String> {
     let mut folders = names(&place.path(out));
     folders.retain(|name| !name.starts_with('.') && place.path(out).join(name).is_dir());
@@ -270,8 +269,7 @@ fn the_same_scale_is_found_recorded_and_resumed() {
     let same = refine("--same-scale", "out");
     place.prints(&same, 0, "1 of 5 photographs: --same-scale: matches no other photograph");
 
-    // The photographs of one room get the factors of their exposures, with a mean of 1. Cropped, with the same field of view, a room is
-    // nearer.
+    // Photographs of one room get the factors of their exposures, with a mean of 1. Cropped with the same field of view, it is nearer.
     let rows = rows(&place, "out");
     let factor = |i: usize| rows[i]["same_scale"].as_f64().unwrap();
     for (i, gain) in [(1, 0.8), (2, 0.64), (3, 0.9 * 224.0 / 200.0)] {

@@ -14,7 +14,6 @@ const LEARN: &str = "calibrate --dataset rooms --size 64x48 --limit 3 --simulate
 
 const KEPT: &str = "refine image.png --prior-depth depth.npy --fov 60 --no-nerf";
 
-/// The maps agree with each other and with the record.
 fn check_outputs(place: &Place, folder: &str) -> Value {
     let [depth, sigma, prior] =
         ["depth", "sigma", "prior"].map(|map| place.map(&format!("{folder}/{map}.npy")));

@@ -165,8 +165,7 @@ impl DepthPrior for Red {
     }
 }
 
-/// Without a field the augmented map is the result, with the common error in its sigma, whose components make the whole. A map from
-/// a file is not augmented, and the report records it.
+/// With the common error in its sigma, whose components make the whole; the report records that a file's map is not augmented.
 #[test]
 fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() {
     let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..foreign() };

@@ -2,7 +2,7 @@
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, config, shared, tiny};
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::refiner::plan::{SceneMemory, refine_bytes};
+use mde_cli::refiner::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
 use ndarray::{Array2, Array3};
 use std::fs;
@@ -85,8 +85,7 @@ fn grid() -> impl Iterator<Item = (bool, &'static str)> {
     rows.map(|row| (row.starts_with('*'), &row[2..]))
 }
 
-/// Peaks of short fits over a grid of settings; `docs/reliability.md` has the summary of `memory.txt` in the folder of
-/// temporary files that cargo gives to tests.
+/// Peaks of short fits over a grid; `docs/reliability.md` has the summary of `memory.txt`, in cargo's folder of temporary files.
 #[test]
 #[ignore = "takes minutes"]
 fn the_estimates_over_a_grid_of_settings_are_close() {
@@ -113,8 +112,7 @@ fn the_estimates_over_a_grid_of_settings_are_close() {
 #[ignore = "needs the networks and photographs that MDE_SHARED names"]
 fn the_estimate_has_the_network() {
     use mde_cli::mde_prior::OnnxPrior;
-    use mde_cli::refiner::plan::inference::PhotographMemory;
-    use mde_cli::refiner::plan::limit::MemoryLimit;
+    use mde_cli::refiner::{MemoryLimit, PhotographMemory};
     let network = shared().join("models/fastdepth/fastdepth_224.onnx");
     let photo = shared().join("data/plain/nyu_living/color.png");
     let (place, config, size) = (Place::new(), Preset::Default.config(), (480, 640));

@@ -95,8 +95,7 @@ fn a_system_without_threads_takes_one() {
     assert_eq!(names(&place.path("e/scenes")).len(), 2);
 }
 
-/// A limit on the size of files stands for a full disk: the same writes fail, and no one's disk is filled. Nor is an empty folder left,
-/// there or with 4 open files.
+/// A limit on the size of files stands for a full disk: the same writes fail. Nor is an empty folder left, there or with 4 open files.
 #[test]
 fn a_disk_that_takes_no_more_leaves_the_old_output() {
     let place = Place::new();

@@ -1,7 +1,8 @@
 use super::{channels, check, known, weights};
+use crate::metrics::sparsification::running_sums;
 use crate::{Refined, Result, Task};
 use nalgebra::{Matrix3, Vector3};
-use ndarray::{Array2, ArrayViewMut1, Axis, Zip};
+use ndarray::{Array2, Axis, Zip};
 
 /// Half the window's side without its middle, pixels.
 const RADIUS: usize = 12;
@@ -66,25 +67,13 @@ const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 
 
 /// Sums over a square of side `2 * radius + 1` about each pixel, cut off at the border; linear in the pixels.
 fn box_sums(mut map: Array2<f64>, radius: usize) -> Array2<f64> {
-    let mut running = Vec::new();
     for axis in [Axis(1), Axis(0)] {
-        for line in map.lanes_mut(axis) {
-            sums(line, radius, &mut running);
+        for mut line in map.lanes_mut(axis) {
+            let (running, n) = (running_sums(&line), line.len());
+            for (x, out) in line.iter_mut().enumerate() {
+                *out = running[(x + radius + 1).min(n)] - running[x.saturating_sub(radius)];
+            }
         }
     }
     map
-}
-
-fn sums(mut line: ArrayViewMut1<'_, f64>, radius: usize, running: &mut Vec<f64>) {
-    running.clear();
-    running.push(0.0);
-    let mut total = 0.0;
-    running.extend(line.iter().map(|value| {
-        total += value;
-        total
-    }));
-    let n = line.len();
-    for (x, out) in line.iter_mut().enumerate() {
-        *out = running[(x + radius + 1).min(n)] - running[x.saturating_sub(radius)];
-    }
 }

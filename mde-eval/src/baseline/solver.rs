@@ -11,8 +11,7 @@ use std::collections::HashMap;
 const SIDES: [f64; 5] = [8.0, 8.0, 4.0, 4.0, 4.0];
 /// \\(\lambda\\).
 const LAMBDA: f64 = 128.0;
-/// Gradient of the log depth, per pixel, at which the prior's confidence has fallen to half: monocular depth is wrong where
-/// it is steep.
+/// Gradient of the log depth, per pixel, that halves the prior's confidence: monocular depth is wrong where it is steep.
 const STEEP: f64 = 0.02;
 /// Added to the confidence of every vertex, so that those that no confidence reaches have a solution: 0.
 const LEAST: f64 = 1e-9;

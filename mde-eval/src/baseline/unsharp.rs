@@ -1,7 +1,7 @@
 use super::{check, known, weights};
 use crate::metrics::sharpness::sharpness;
 use crate::raster::{blur, same_shape};
-use crate::{Error, Method, Refined, Result, Task};
+use crate::{Method, Refined, Result, Task, error};
 use ndarray::{Array2, ArrayView2, Zip};
 
 /// Unsharp mask in log depth: \\(\ln d + a (\ln d - G_\sigma * \ln d)\\).
@@ -24,7 +24,7 @@ impl Unsharp {
     /// The amount lies in -1 to 50; the nearer end where even that is not enough.
     ///
     /// # Errors
-    /// [`Error::Shape`] where the maps differ, [`Error::Empty`] where they have no depth in common.
+    /// [`Error::Shape`](crate::Error::Shape) where the maps differ, [`Error::Empty`](crate::Error::Empty) where they have no depth in common.
     pub fn matching(prior: ArrayView2<'_, f32>, other: ArrayView2<'_, f32>) -> Result<Self> {
         same_shape("the other map", other.dim(), prior.dim())?;
         let both = Zip::from(prior).and(other).map_collect(|&p, &q| known(p) && known(q));
@@ -66,10 +66,7 @@ fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> A
 impl Method for Unsharp {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task)?;
-        if !self.amount.is_finite() {
-            let value = self.amount.to_string();
-            return Err(Error::Config { field: "amount", value, remedy: "use a finite number" });
-        }
+        error::check([("amount", self.amount, self.amount.is_finite(), "use a finite number")])?;
         Ok(sharpened(task.prior, &detail(task.prior), self.amount).into())
     }
 }

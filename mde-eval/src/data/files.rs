@@ -60,29 +60,43 @@ pub(super) fn is_hidden(path: &Path) -> bool {
     path.file_name().and_then(|name| name.to_str()).is_none_or(|name| name.starts_with('.'))
 }
 
-/// Folders of scenes with their identifiers.
+/// The sources of scenes, such as their folders, with their identifiers.
 #[derive(Debug, Clone)]
-pub(super) struct Scenes {
-    pub(super) folders: Vec<PathBuf>,
+pub(super) struct Scenes<S = PathBuf> {
     pub(super) ids: Vec<String>,
+    pub(super) sources: Vec<S>,
+}
+
+impl<S> FromIterator<(String, S)> for Scenes<S> {
+    fn from_iter<I: IntoIterator<Item = (String, S)>>(scenes: I) -> Self {
+        let (ids, sources) = scenes.into_iter().unzip();
+        Self { ids, sources }
+    }
+}
+
+impl<S> Scenes<S> {
+    pub(super) fn get(&self, index: usize) -> Result<(&S, &str)> {
+        match (self.sources.get(index), self.ids.get(index)) {
+            (Some(source), Some(id)) => Ok((source, id)),
+            _ => Err(Error::Scene { index, count: self.ids.len() }),
+        }
+    }
 }
 
 impl Scenes {
-    /// Those at or below `root`, which holds no `what` without any.
+    /// The folders at or below `root`, which holds no `what` without any.
     pub(super) fn find(root: &Path, is_scene: impl Fn(&Path) -> bool, what: &str) -> Result<Self> {
         let folders = find_scenes(root, is_scene)?;
         if folders.is_empty() {
-            return Err(Error::Layout { path: root.to_owned(), reason: format!("holds no {what}") });
+            return Err(layout(root, format!("holds no {what}")));
         }
-        Ok(Self { ids: folders.iter().map(|scene| id(root, scene)).collect(), folders })
+        Ok(folders.into_iter().map(|scene| (id(root, &scene), scene)).collect())
     }
+}
 
-    pub(super) fn get(&self, index: usize) -> Result<(&Path, &str)> {
-        match (self.folders.get(index), self.ids.get(index)) {
-            (Some(folder), Some(id)) => Ok((folder, id)),
-            _ => Err(super::out_of_range(index, self.ids.len())),
-        }
-    }
+/// The error of a file or folder.
+pub(super) fn layout(path: &Path, reason: impl Into<String>) -> Error {
+    Error::Layout { path: path.to_owned(), reason: reason.into() }
 }
 
 /// The text of a file.
@@ -92,15 +106,13 @@ pub(super) fn read_text(path: &Path) -> Result<String> {
 
 /// The value of a JSON file.
 pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let fault = |fault| Error::Layout { path: path.to_owned(), reason: format!("is not valid: {fault}") };
-    serde_json::from_str(&read_text(path)?).map_err(fault)
+    serde_json::from_str(&read_text(path)?).map_err(|fault| layout(path, format!("is not valid: {fault}")))
 }
 
 /// The one file of a folder with one of the extensions and, where it is given, that stem.
 pub(super) fn only_file(folder: &Path, stem: Option<&str>, extensions: &[&str]) -> Result<PathBuf> {
-    let fault = |reason: String| Error::Layout { path: folder.to_owned(), reason };
     if !folder.is_dir() {
-        return Err(fault("the scene has no such folder".into()));
+        return Err(layout(folder, "the scene has no such folder"));
     }
     let fits = |path: &PathBuf| stem.is_none_or(|stem| path.file_stem().is_some_and(|own| own == stem));
     let files: Vec<_> = files_with(folder, extensions)?.into_iter().filter(fits).collect();
@@ -108,7 +120,7 @@ pub(super) fn only_file(folder: &Path, stem: Option<&str>, extensions: &[&str]) 
         [file] => Ok(file.clone()),
         _ => {
             let (count, endings, stem) = (files.len(), extensions.join(", ."), stem.unwrap_or("*"));
-            Err(fault(format!("holds {count} files named {stem} (.{endings}) where one is needed")))
+            Err(layout(folder, format!("holds {count} files named {stem} (.{endings}) where one is needed")))
         }
     }
 }
@@ -147,5 +159,5 @@ pub(super) fn same_size(
         "the depth is {}x{} but the image is {width}x{height} (width x height); they must be registered to each other",
         depth.1, depth.0
     );
-    Err(Error::Layout { path: path.to_owned(), reason })
+    Err(layout(path, reason))
 }

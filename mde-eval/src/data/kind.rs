@@ -1,4 +1,4 @@
-use super::files::find_scenes;
+use super::files::{find_scenes, layout};
 use super::{CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunRgbd};
 use crate::{Error, Result};
 use serde::Serialize;
@@ -53,7 +53,7 @@ impl DataSetKind {
         } else {
             "has the layout of no known data set; write a `scene.json` beside `color.png` and `depth.png`"
         };
-        Err(Error::Layout { path: root.to_owned(), reason: reason.to_owned() })
+        Err(layout(root, reason))
     }
 }
 

@@ -1,4 +1,4 @@
-use super::files::{files_with, id, is_hidden, walk};
+use super::files::{files_with, id, is_hidden, layout, walk};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -30,26 +30,26 @@ pub fn map_pairs(
     truths: &Path,
     sigmas: Option<&Path>,
 ) -> Result<(Vec<MapPair>, Vec<String>)> {
-    let predicted = maps(predictions)?;
-    let truth_of = maps(truths)?;
-    let sigma_of = sigmas.map(maps).transpose()?;
+    let (predicted, truth_of) = (maps(predictions)?, maps(truths)?);
+    let sigma_of = sigmas.map(|folder| Ok::<_, Error>((folder, maps(folder)?))).transpose()?;
     let (mut pairs, mut unmatched) = (Vec::new(), Vec::new());
     for (id, prediction) in predicted {
         let Some(truth) = truth_of.get(&id).cloned() else {
             unmatched.push(id);
             continue;
         };
-        let sigma = sigma_of.as_ref().map(|of| of.get(&id).cloned());
-        if let (Some(None), Some(folder)) = (&sigma, sigmas) {
-            let reason = format!("no sigma for {id} ({}); add it", prediction.display());
-            return Err(Error::Layout { path: folder.to_owned(), reason });
-        }
-        let sigma = sigma.flatten();
+        let missing = || format!("no sigma for {id} ({}); add it", prediction.display());
+        let sigma = sigma_of
+            .as_ref()
+            .map(|(folder, of)| of.get(&id).cloned().ok_or_else(|| layout(folder, missing())));
+        let sigma = sigma.transpose()?;
         pairs.push(MapPair { id, prediction, truth, sigma });
     }
     if pairs.is_empty() {
-        let reason = format!("no map has a truth of the same name in {}", truths.display());
-        return Err(Error::Layout { path: predictions.to_owned(), reason });
+        return Err(layout(
+            predictions,
+            format!("no map has a truth of the same name in {}", truths.display()),
+        ));
     }
     Ok((pairs, unmatched))
 }
@@ -63,15 +63,13 @@ fn maps(root: &Path) -> Result<BTreeMap<String, PathBuf>> {
         }
         for path in files_with(folder, &EXTENSIONS)? {
             if let Some(other) = found.insert(id(root, &path.with_extension("")), path.clone()) {
-                let reason = format!("is there as {} too; keep one of them", other.display());
-                return Err(Error::Layout { path, reason });
+                return Err(layout(&path, format!("is there as {} too; keep one of them", other.display())));
             }
         }
         Ok(true)
     })?;
     if found.is_empty() {
-        let reason = format!("no depth map (.{})", EXTENSIONS.join(", ."));
-        return Err(Error::Layout { path: root.to_owned(), reason });
+        return Err(layout(root, format!("no depth map (.{})", EXTENSIONS.join(", ."))));
     }
     Ok(found)
 }

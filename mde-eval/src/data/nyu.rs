@@ -1,6 +1,6 @@
-use super::files::{entries, files_with, find_scenes, id, read_pair};
-use super::{DataSet, Sample, out_of_range};
-use crate::{Error, Result};
+use super::files::{Scenes, entries, files_with, find_scenes, id, layout, read_pair};
+use super::{DataSet, Sample};
+use crate::Result;
 use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
 use std::collections::BTreeMap;
@@ -19,8 +19,7 @@ const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
 /// camera is the published one of the colour sensor, scaled to the images' size.
 #[derive(Debug, Clone)]
 pub struct Nyu {
-    pairs: Vec<Pair>,
-    ids: Vec<String>,
+    scenes: Scenes<Pair>,
     places: Vec<String>,
 }
 
@@ -31,34 +30,31 @@ impl Nyu {
     /// Finds the pairs.
     ///
     /// # Errors
-    /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no pair.
+    /// [`Error::Io`](crate::Error::Io) for a folder that cannot be read, [`Error::Layout`](crate::Error::Layout) where there is no pair.
     pub fn open(root: impl AsRef<Path>) -> Result<Self> {
         let root = root.as_ref();
-        let fault = |reason: &str| Error::Layout { path: root.to_owned(), reason: reason.to_owned() };
         if root.extension().is_some_and(|e| e == "mat") {
-            return Err(fault(
-                "is MATLAB's format, which is not read; export it as rgb/N.png and depth/N.png (16 bit, mm)",
-            ));
+            let reason =
+                "is MATLAB's format, which is not read; export it as rgb/N.png and depth/N.png (16 bit, mm)";
+            return Err(layout(root, reason));
         }
-        let (mut pairs, mut ids, mut places) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut scenes, mut places) = (Vec::new(), Vec::new());
         for folder in find_scenes(root, |folder| Self::is_side_by_side(folder) || Self::is_recording(folder))?
         {
             let own = id(root, &folder);
-            for (image, depth) in pairs_of(&folder)? {
-                let stem = image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            for pair in pairs_of(&folder)? {
+                let stem = pair.0.file_stem().unwrap_or_default().to_string_lossy().into_owned();
                 let name = if folder == root { stem } else { format!("{own}/{stem}") };
                 // The labelled images are of many places; the files of a recording lie in one folder.
                 places.push(if Self::is_side_by_side(&folder) { name.clone() } else { own.clone() });
-                ids.push(name);
-                pairs.push((image, depth));
+                scenes.push((name, pair));
             }
         }
-        if pairs.is_empty() {
-            return Err(fault(
-                "holds no rgb/N.png beside depth/N.png and no rgb_N.jpg with sync_depth_N.png",
-            ));
+        if scenes.is_empty() {
+            let reason = "holds no rgb/N.png beside depth/N.png and no rgb_N.jpg with sync_depth_N.png";
+            return Err(layout(root, reason));
         }
-        Ok(Self { pairs, ids, places })
+        Ok(Self { scenes: scenes.into_iter().collect(), places })
     }
 
     /// Whether a folder holds a folder of images beside one of depth maps.
@@ -74,7 +70,7 @@ impl Nyu {
 
 impl DataSet for Nyu {
     fn ids(&self) -> &[String] {
-        &self.ids
+        &self.scenes.ids
     }
 
     fn place(&self, index: usize) -> Option<&str> {
@@ -82,9 +78,7 @@ impl DataSet for Nyu {
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
-        let (Some((image_path, depth_path)), Some(id)) = (self.pairs.get(index), self.ids.get(index)) else {
-            return Err(out_of_range(index, self.pairs.len()));
-        };
+        let ((image_path, depth_path), id) = self.scenes.get(index)?;
         let options = ReadOptions { png_scale: Some(1000.0), ..ReadOptions::default() };
         let (image, depth) = read_pair(image_path, depth_path, &options)?;
         let (height, width) = depth.dim();
@@ -92,7 +86,7 @@ impl DataSet for Nyu {
             let reason = format!(
                 "is {width}x{height}, but the published camera is that of 640x480; use a plain folder with a scene.json"
             );
-            return Err(Error::Layout { path: image_path.clone(), reason });
+            return Err(layout(image_path, reason));
         }
         // The published principal point counts pixels from 1.
         let published =
@@ -110,8 +104,7 @@ fn starts_with(path: &Path, prefix: &str) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(prefix))
 }
 
-/// The pairs of a folder, by the first number in the files' names. Pictures without a depth map, and the other way round, are left
-/// out.
+/// The pairs of a folder, by the first number in the files' names; what has no counterpart is left out.
 fn pairs_of(folder: &Path) -> Result<Vec<Pair>> {
     let (images, depths): (Vec<PathBuf>, Vec<PathBuf>) =
         match colour_folder(folder).filter(|_| Nyu::is_side_by_side(folder)) {
@@ -127,7 +120,7 @@ fn pairs_of(folder: &Path) -> Result<Vec<Pair>> {
         let Some(number) = number(&path) else { continue };
         if let Some(other) = depth_of.insert(number, path.clone()) {
             let reason = format!("has the same number as {}; name each frame's depth once", other.display());
-            return Err(Error::Layout { path, reason });
+            return Err(layout(&path, reason));
         }
     }
     let pair = |image: PathBuf| {

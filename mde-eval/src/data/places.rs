@@ -50,10 +50,7 @@ impl DataSet for Placed {
     }
 
     fn place(&self, index: usize) -> Option<&str> {
-        match self.places.get(index) {
-            Some(Some(place)) => Some(place),
-            _ => self.data.place(index),
-        }
+        self.places.get(index)?.as_deref().or_else(|| self.data.place(index))
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

@@ -1,6 +1,6 @@
-use super::files::{Scenes, only_file, read_pair, read_text};
+use super::files::{Scenes, layout, only_file, read_pair, read_text};
 use super::{DataSet, Sample, assumed};
-use crate::{Error, Result};
+use crate::Result;
 use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
 use serde::Deserialize;
@@ -39,7 +39,7 @@ impl PlainFolders {
     /// Finds the scenes at or below a folder. Those without a camera get square pixels and this horizontal field of view, degrees.
     ///
     /// # Errors
-    /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
+    /// [`Error::Io`](crate::Error::Io) for a folder that cannot be read, [`Error::Layout`](crate::Error::Layout) where there is no scene.
     pub fn open(root: impl AsRef<Path>, assumed_fov: Option<f64>) -> Result<Self> {
         let what = "folder with a `scene.json`; write one beside `color.png` and `depth.png`";
         let scenes = Scenes::find(root.as_ref(), |folder| folder.join(Self::FILE).is_file(), what)?;
@@ -55,7 +55,7 @@ impl DataSet for PlainFolders {
     fn load(&self, index: usize) -> Result<Sample> {
         let (scene, id) = self.scenes.get(index)?;
         let path = scene.join(Self::FILE);
-        let fault = |reason| Error::Layout { path: path.clone(), reason };
+        let fault = |reason: String| layout(&path, reason);
         let description = PlainScene::parse(&read_text(&path)?).map_err(fault)?;
         let endings = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
         let image = only_file(scene, Some("color"), &endings)?;

@@ -1,12 +1,13 @@
-use super::files::{Scenes, read_json, same_size};
+use super::files::{Scenes, layout, read_json, same_size};
 use super::{DataSet, Sample};
+use crate::Result;
 use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
 use crate::error::check;
-use crate::{Error, Result};
 use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::{image_size, read_image};
 use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::median;
 use nalgebra::Point2;
 use ndarray::{Array2, ArrayView2};
 use serde::Deserialize;
@@ -64,8 +65,8 @@ impl Posed {
     /// about a random axis, and by 20 mm per degree in a random direction, the same in every run.
     ///
     /// # Errors
-    /// [`Error::Io`] for a folder or a `scene.json` that cannot be read, [`Error::Layout`] where there is no scene or a
-    /// `scene.json` is not valid, [`Error::Config`] for degrees below 0 or above 10.
+    /// [`Error::Io`](crate::Error::Io) for a folder or a `scene.json` that cannot be read, [`Error::Layout`](crate::Error::Layout) where there is no scene or a
+    /// `scene.json` is not valid, [`Error::Config`](crate::Error::Config) for degrees below 0 or above 10.
     pub fn open(root: impl AsRef<Path>, pose_noise: f64) -> Result<Self> {
         check([("pose-noise", pose_noise, POSE_NOISES.contains(&pose_noise), "use 0 to 10 degrees")])?;
         let what =
@@ -76,7 +77,7 @@ impl Posed {
                 || scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
             Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id.clone()))
         };
-        let places = scenes.folders.iter().zip(&scenes.ids).map(place).collect::<Result<_>>()?;
+        let places = scenes.sources.iter().zip(&scenes.ids).map(place).collect::<Result<_>>()?;
         Ok(Self { scenes, places, pose_noise })
     }
 
@@ -87,12 +88,12 @@ impl Posed {
     /// Loads a capture by its index in [`DataSet::ids`], in the frame of its reference's camera.
     ///
     /// # Errors
-    /// As [`DataSet::load`]; [`Error::Capture`] for a `transforms.json` or photographs that cannot be used.
+    /// As [`DataSet::load`]; [`Error::Capture`](crate::Error::Capture) for a `transforms.json` or photographs that cannot be used.
     pub fn capture(&self, index: usize) -> Result<Capture> {
         let (scene, id) = self.scenes.get(index)?;
         let description = describe(scene)?;
         let path = scene.join(Self::TRANSFORMS);
-        let fault = |reason: String| Error::Layout { path: path.clone(), reason };
+        let fault = |reason: String| layout(&path, reason);
         let read =
             read_transforms(&path, PixelCentres::Integers, &|photograph: &Path| image_size(photograph))?;
         if let Some(photograph) = read.unreadable.first() {
@@ -102,20 +103,19 @@ impl Posed {
         let frames = read.frames.len();
         let reference = description.reference;
         let further = description.extra_views.unwrap_or_else(|| (0..frames).collect());
-        let mut order = vec![reference];
-        order.extend(further.into_iter().filter(|frame| *frame != reference));
-        let mut views = Vec::with_capacity(order.len());
-        for index in order {
+        let order = std::iter::once(reference).chain(further.into_iter().filter(|frame| *frame != reference));
+        let view = |index: usize| {
             let frame = read.frames.get(index).ok_or_else(|| {
                 fault(format!("has {frames} frames, but scene.json names frame {index}, counted from 0"))
             })?;
             let view = frame.view(read_image(&frame.photograph)?.pixels.view())?;
-            views.push(CapturedView { view, prior: None, true_pose: None });
-        }
+            Ok(CapturedView { view, prior: None, true_pose: None })
+        };
+        let views = order.map(view).collect::<Result<Vec<_>>>()?;
         let lens = read.frames[reference].lens;
         let file = depths.frames.get(reference).and_then(|frame| frame.depth_file_path.as_ref());
-        let file = file
-            .ok_or_else(|| fault(format!("names no depth_file_path for frame {reference}, the reference")))?;
+        let unnamed = || fault(format!("names no depth_file_path for frame {reference}, the reference"));
+        let file = file.ok_or_else(unnamed)?;
         let units = depths.depth_units_per_metre.unwrap_or(1000.0);
         if !(units > 0.0 && units.is_finite()) {
             return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
@@ -126,8 +126,7 @@ impl Posed {
         let (height, width) = lens.camera.dim();
         same_size(&depth_path, depth.dim(), (height, width, 3))?;
         let truth = undistorted(depth.view(), &lens);
-        let middle =
-            mde_uncertainty::statistics::median(truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        let middle = median(truth.iter().copied().filter(|z| *z > 0.0));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
         let id = id.to_owned();
@@ -144,16 +143,12 @@ fn describe(scene: &Path) -> Result<Description> {
     let path = scene.join(Posed::DESCRIPTION);
     let description: Description = read_json(&path)?;
     match description.max_depth.filter(|z| !(*z > 0.0 && z.is_finite())) {
-        Some(z) => {
-            let reason = format!("max_depth is {z}; use a positive finite number of metres");
-            Err(Error::Layout { path, reason })
-        }
+        Some(z) => Err(layout(&path, format!("max_depth is {z}; use a positive finite number of metres"))),
         None => Ok(description),
     }
 }
 
-/// The depth of the nearest pixel of the photograph at each pixel of the pinhole camera, which has the same axes; 0 where
-/// there is none.
+/// The depth of the photograph's nearest pixel at each pixel of the pinhole camera, which has the same axes; 0 without one.
 fn undistorted(depth: ArrayView2<'_, f32>, lens: &Lens) -> Array2<f32> {
     if lens.distortion.is_none() {
         return depth.to_owned();

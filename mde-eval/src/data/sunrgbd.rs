@@ -1,6 +1,6 @@
-use super::files::{Scenes, only_file, read_pair, read_text};
+use super::files::{Scenes, layout, only_file, read_pair, read_text};
 use super::{DataSet, Sample, assumed};
-use crate::{Error, Result};
+use crate::Result;
 use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
 use std::path::Path;
@@ -22,7 +22,7 @@ impl SunRgbd {
     /// Finds the scenes at or below a folder. Those without a camera get square pixels and this horizontal field of view, degrees.
     ///
     /// # Errors
-    /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
+    /// [`Error::Io`](crate::Error::Io) for a folder that cannot be read, [`Error::Layout`](crate::Error::Layout) where there is no scene.
     pub fn open(root: impl AsRef<Path>, assumed_fov: Option<f64>) -> Result<Self> {
         let what = "folder with `image/` and `depth/`; name SUN RGB-D's folder or one below it";
         Ok(Self { scenes: Scenes::find(root.as_ref(), Self::is_scene, what)?, assumed_fov })
@@ -65,10 +65,9 @@ impl DataSet for SunRgbd {
 
 /// Nine numbers, row by row: `fx 0 cx 0 fy cy 0 0 1`, with pixels counted from 1.
 fn read_intrinsics(path: &Path, (height, width): (usize, usize)) -> Result<PinholeCamera> {
-    let fault = |reason| Error::Layout { path: path.to_owned(), reason };
     let numbers: Result<Vec<f64>, _> = read_text(path)?.split_whitespace().map(str::parse).collect();
     let Ok(&[fx, _, cx, _, fy, cy, _, _, _]) = numbers.as_deref() else {
-        return Err(fault("is no 3 x 3 matrix; nine numbers are needed: fx 0 cx, 0 fy cy, 0 0 1".into()));
+        return Err(layout(path, "is no 3 x 3 matrix; nine numbers are needed: fx 0 cx, 0 fy cy, 0 0 1"));
     };
-    PinholeCamera::new(fx, fy, cx - 1.0, cy - 1.0, width, height).map_err(|e| fault(e.to_string()))
+    PinholeCamera::new(fx, fy, cx - 1.0, cy - 1.0, width, height).map_err(|e| layout(path, e.to_string()))
 }

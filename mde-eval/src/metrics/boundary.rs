@@ -31,7 +31,7 @@ pub fn boundary_f1(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Resul
     }
     let thresholds: [f64; RATIOS] =
         std::array::from_fn(|k| 1.05 + (1.25 - 1.05) * k as f64 / (RATIOS - 1) as f64);
-    let counts = count_pairs(prediction, truth, mask, &thresholds);
+    let counts = count_pairs([prediction, truth], mask, &thresholds);
     let total: f64 = thresholds.iter().sum();
     let score = |k: usize| {
         let share = |of: usize| {
@@ -50,20 +50,15 @@ const TRUE: usize = 1;
 const HITS: usize = 2;
 
 /// Along the rows and the columns, each with the second pixel behind and in front.
-fn count_pairs(
-    prediction: Map<'_>,
-    truth: Map<'_>,
-    mask: Mask<'_>,
-    thresholds: &[f64; RATIOS],
-) -> [Counts; 4] {
+fn count_pairs(maps: [Map<'_>; 2], mask: Mask<'_>, thresholds: &[f64; RATIOS]) -> [Counts; 4] {
     let mut counts = [Counts::default(); 4];
-    for (y, x) in ndarray::indices(truth.dim()) {
+    for (y, x) in ndarray::indices(mask.dim()) {
         let at = (y, x);
         for (axis, next) in [(y, x + 1), (y + 1, x)].into_iter().enumerate() {
             if mask[at] && mask.get(next).is_some_and(|keep| *keep) {
                 for (sign, (behind, front)) in [(next, at), (at, next)].into_iter().enumerate() {
                     // How many of the thresholds the ratio of inverse depths exceeds.
-                    let [predicted, known] = [prediction, truth].map(|map| {
+                    let [predicted, known] = maps.map(|map| {
                         let ratio =
                             f64::from(map[behind].max(MIN_DEPTH)) / f64::from(map[front].max(MIN_DEPTH));
                         thresholds.iter().take_while(|&&t| ratio > t).count()

@@ -76,10 +76,7 @@ fn hysteresis(strength: &Array2<f64>, high: f64) -> Array2<bool> {
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
 pub fn boundary_errors(predicted: &Edges, truth: &Edges) -> Result<Option<BoundaryErrors>> {
     same_shape("the predicted boundary map", predicted.pixels.dim(), truth.pixels.dim())?;
-    let distances = |from: &Edges, to: &Edges| -> Vec<f64> {
-        from.pixels.iter().zip(&to.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect()
-    };
-    let (forth, back) = (distances(predicted, truth), distances(truth, predicted));
+    let (forth, back) = (predicted.distances_to(truth), truth.distances_to(predicted));
     if back.is_empty() {
         return Ok(None);
     }

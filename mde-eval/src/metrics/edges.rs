@@ -22,6 +22,11 @@ impl Edges {
     pub fn new(pixels: Array2<bool>) -> Self {
         Self { distance: distance_to(pixels.view()), pixels }
     }
+
+    /// How far each marked pixel is from the nearest of `other`.
+    pub(super) fn distances_to(&self, other: &Self) -> Vec<f64> {
+        self.pixels.iter().zip(&other.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect()
+    }
 }
 
 /// \\(2PR / (P + R)\\), 0 where both are 0.
@@ -158,17 +163,13 @@ mod tests {
 
     fn maps() -> impl Strategy<Value = (Array2<f32>, Array2<f32>, Array2<bool>)> {
         (3..14_usize, 3..14_usize).prop_flat_map(|(h, w)| {
-            // Few distinct depths make ties; one pixel in sixteen is masked out.
-            let map = move || {
-                proptest::collection::vec(1..6_u8, h * w).prop_map(move |v| {
-                    Array2::from_shape_vec((h, w), v.into_iter().map(|d| f32::from(d) * 0.5).collect())
-                        .unwrap()
-                })
+            let levels = move |count: u8| {
+                let values = proptest::collection::vec(1..=count, h * w);
+                values.prop_map(move |values| Array2::from_shape_vec((h, w), values).unwrap())
             };
-            let mask = proptest::collection::vec(0..16_u8, h * w).prop_map(move |v| {
-                Array2::from_shape_vec((h, w), v.into_iter().map(|d| d > 0).collect()).unwrap()
-            });
-            (map(), map(), mask)
+            // Few distinct depths make ties; one pixel in sixteen is masked out.
+            let map = move || levels(5).prop_map(|map| map.mapv(|d| f32::from(d) * 0.5));
+            (map(), map(), levels(16).prop_map(|mask| mask.mapv(|d| d > 1)))
         })
     }
 
@@ -180,8 +181,7 @@ mod tests {
             // The distance transform on one side, grey dilation on the other.
             let predicted = edges(p.view(), mask.view(), t).unwrap();
             let found = |of: &Edges, by: &Edges| {
-                let distances: Vec<f64> =
-                    of.pixels.iter().zip(&by.distance).filter(|(edge, _)| **edge).map(|(_, d)| *d).collect();
+                let distances = of.distances_to(by);
                 share(distances.iter().filter(|d| **d <= f64::from(r)).count(), distances.len())
             };
             let (precision, recall) = (found(&predicted, &true_edges), found(&true_edges, &predicted));

@@ -17,8 +17,7 @@ use ndarray::{Array2, Zip};
 /// paper reports the ratio \\(S(\text{refined}) / S(\text{prior})\\).
 ///
 /// # Errors
-/// [`Error::Shape`] where map and mask differ, [`Error::Empty`] where no pixel is left, [`Error::Value`] where the median
-/// is not positive.
+/// [`Error::Shape`] where map and mask differ, [`Error::Empty`] without a pixel, [`Error::Value`] for a median that is not positive.
 pub fn sharpness(map: Map<'_>, mask: Mask<'_>) -> Result<f64> {
     let everywhere = Array2::from_elem(mask.dim(), true);
     split(map, mask, &everywhere)?.on.ok_or(Error::Empty("the sharpness"))

@@ -47,8 +47,7 @@ impl Sparsification {
         trapezoid(&self.removed, &self.by_sigma) - trapezoid(&self.removed, &self.oracle)
     }
 
-    /// \\(C_\text{random} - \int C_\sigma\\,\mathrm d r\\) by the trapezoidal rule, as Poggi et al. have it; positive where sigma beats
-    /// chance.
+    /// \\(C_\text{random} - \int C_\sigma\\,\mathrm d r\\) by the trapezoidal rule, after Poggi et al.; positive where sigma beats chance.
     pub fn aurg(&self) -> f64 {
         self.random - trapezoid(&self.removed, &self.by_sigma)
     }
@@ -142,17 +141,14 @@ pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result
     // About the first value: the mean of equal values is that value, and bins of ties are ties.
     let mean =
         |values: &[f64]| values[0] + values.iter().map(|v| v - values[0]).sum::<f64>() / values.len() as f64;
-    let cut = |k: usize| k * n / bins;
-    Ok((0..bins)
-        .map(|k| UncertaintyBin {
-            sigma: mean(&sigma[cut(k)..cut(k + 1)]),
-            cost: mean(&costs[cut(k)..cut(k + 1)]),
-        })
-        .collect())
+    let bin = |k: usize| {
+        let run = k * n / bins..(k + 1) * n / bins;
+        UncertaintyBin { sigma: mean(&sigma[run.clone()]), cost: mean(&costs[run]) }
+    };
+    Ok((0..bins).map(bin).collect())
 }
 
-/// Spearman's correlation of mean sigma and mean cost over percentile bins of the uncertainty; nothing where
-/// sigma or the costs are constant.
+/// Spearman's correlation of mean sigma and mean cost over the bins; nothing where either is constant.
 ///
 /// # Errors
 /// None for bins that [`costs_by_uncertainty`] made.
@@ -167,8 +163,7 @@ fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {
     check_lists("the sparsification", [any, costs])
 }
 
-/// `costs` in the order of a key, with the mean over each run of equal keys in place of its members: the expectation when
-/// ties are broken at random.
+/// `costs` in the order of a key, each the mean of its run of equal keys: the expectation when ties are broken at random.
 pub(super) fn expected(order: &Order, costs: &[f64]) -> Vec<f64> {
     let mut out = Vec::with_capacity(costs.len());
     for tied in order.ties() {
@@ -179,9 +174,9 @@ pub(super) fn expected(order: &Order, costs: &[f64]) -> Vec<f64> {
 }
 
 /// Sums of the first 0, 1, 2, ... values.
-fn running_sums(values: &[f64]) -> Vec<f64> {
+pub(crate) fn running_sums<'v>(values: impl IntoIterator<Item = &'v f64>) -> Vec<f64> {
     let mut total = 0.0;
-    let sums = values.iter().map(|value| {
+    let sums = values.into_iter().map(|value| {
         total += value;
         total
     });

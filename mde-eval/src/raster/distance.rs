@@ -1,8 +1,7 @@
 use crate::raster::Mask;
 use ndarray::{Array2, ArrayView1, ArrayViewMut1};
 
-/// Euclidean distance in pixels from each pixel to the nearest true one, `[height, width]`, exact; infinite where
-/// nothing is true.
+/// Exact Euclidean distance in pixels from each pixel to the nearest true one, `[height, width]`; infinite without one.
 ///
 /// Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions" (Theory of Computing, 2012): the lower
 /// envelope of parabolas, one dimension after the other, linear in the number of pixels.

@@ -28,15 +28,10 @@ impl Gradient {
         let (mut down, mut right) = (Array2::zeros(map.dim()), Array2::zeros(map.dim()));
         let (height, width) = map.dim();
         let last = |n: usize| n.saturating_sub(1);
-        let mut difference = vec![0.0; width];
-        let mut sum = vec![0.0; width];
         for y in 0..height {
             let (above, here, below) =
                 (map.row(y.saturating_sub(1)), map.row(y), map.row((y + 1).min(last(height))));
-            for x in 0..width {
-                difference[x] = below[x] - above[x];
-                sum[x] = above[x] + 2.0 * here[x] + below[x];
-            }
+            let (difference, sum) = (&below - &above, &above + 2.0 * &here + below);
             for x in 0..width {
                 let (left, next) = (x.saturating_sub(1), (x + 1).min(last(width)));
                 down[(y, x)] = difference[left] + 2.0 * difference[x] + difference[next];

@@ -78,10 +78,10 @@ impl Hierarchy {
                 }
                 // A cut leaves at most 7/8 of the bodies on a side: a room's thousands never get deeper than the stack.
                 Content::Branch { right } if depth + 2 <= stack.len() => {
-                    let (left, right) = (at + 1, right);
-                    let left_first =
-                        self.nodes[left].distance_key(ray) <= self.nodes[right].distance_key(ray);
-                    let (near, far) = if left_first { (left, right) } else { (right, left) };
+                    // Where the middle of a child's bounds lies along the ray, up to a constant.
+                    let place = |at: usize| (self.nodes[at].low + self.nodes[at].high).dot(&ray.direction);
+                    let left = at + 1;
+                    let (near, far) = if place(left) <= place(right) { (left, right) } else { (right, left) };
                     stack[depth] = far as u32;
                     stack[depth + 1] = near as u32;
                     depth += 2;
@@ -89,13 +89,6 @@ impl Hierarchy {
                 Content::Branch { .. } => {}
             }
         }
-    }
-}
-
-impl Node {
-    /// Where the middle of the bounds lies along the ray, up to a constant.
-    fn distance_key(&self, ray: &Ray) -> f64 {
-        (self.low + self.high).dot(&ray.direction)
     }
 }
 

@@ -21,7 +21,7 @@ use crate::Result;
 use bvh::Hierarchy;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
-use render::{Eye, Model};
+use rooms::Setting;
 use serde::Serialize;
 use std::fmt;
 
@@ -79,9 +79,9 @@ pub struct Scene {
 /// A furnished room, rendered from its own camera or from any other pose.
 #[derive(Debug, Clone)]
 pub struct World {
-    model: Model,
-    eye: Eye,
-    field_of_view: f64,
+    bodies: Hierarchy,
+    setting: Setting,
+    exposure: f64,
 }
 
 impl World {
@@ -90,16 +90,10 @@ impl World {
     /// # Errors
     /// None for the rooms there are; a camera fault would be passed on.
     pub fn new(room: Room, seed: u64) -> Result<Self> {
-        let setting = rooms::furnish(room, seed);
-        let model = Model {
-            bodies: Hierarchy::new(setting.stage.bodies),
-            lights: setting.lights,
-            ambient: setting.ambient,
-            exposure: 1.0,
-        };
-        let mut world = Self { model, eye: setting.eye, field_of_view: setting.field_of_view };
+        let (bodies, setting) = rooms::furnish(room, seed);
+        let mut world = Self { bodies: Hierarchy::new(bodies), setting, exposure: 1.0 };
         // Metered once, so that images from other poses match.
-        world.model.exposure = world.model.meter(&world.camera(48, 36)?, &world.eye);
+        world.exposure = world.metered(&world.camera(48, 36)?);
         Ok(world)
     }
 
@@ -108,23 +102,22 @@ impl World {
     /// # Errors
     /// [`Error::Camera`](crate::Error::Camera) for an empty image.
     pub fn camera(&self, width: usize, height: usize) -> Result<PinholeCamera> {
-        Ok(PinholeCamera::from_fov(self.field_of_view, width, height)?)
+        Ok(PinholeCamera::from_fov(self.setting.field_of_view, width, height)?)
     }
 
-    /// An image with its depth. The world is the frame of the room's own camera: the identity pose (world to camera) is its
-    /// view.
+    /// An image with its depth. The world is the frame of the room's own camera, whose pose (world to camera) is the identity.
     pub fn render(&self, camera: &PinholeCamera, pose: &Pose) -> Scene {
-        let eye = self.eye.moved(pose);
-        Scene {
-            image: self.model.image(camera, &eye),
-            depth: self.model.depth(camera, &eye),
-            camera: *camera,
-        }
+        let image = self.image(camera, &self.setting.eye.moved(pose));
+        Scene { image, depth: self.depth(camera, pose), camera: *camera }
     }
 
     /// The exact z-depth alone, `[height, width]`, in metres: a tenth of the work of [`World::render`] or less.
     pub fn depth(&self, camera: &PinholeCamera, pose: &Pose) -> Array2<f32> {
-        self.model.depth(camera, &self.eye.moved(pose))
+        let eye = self.setting.eye.moved(pose);
+        Array2::from_shape_fn(camera.dim(), |(y, x)| {
+            let ray = eye.ray(camera, x as f64, y as f64);
+            self.bodies.nearest(&ray, f64::INFINITY).map_or(0.0, |(_, contact)| contact.t as f32)
+        })
     }
 }
 
@@ -149,11 +142,11 @@ mod tests {
             let world = World::new(kind, 2).unwrap();
             let camera = world.camera(24, 18).unwrap();
             for (y, x) in (0..18).flat_map(|y| (0..24).map(move |x| (y, x))) {
-                let ray: Ray = world.eye.ray(&camera, f64::from(x), f64::from(y));
-                let bodies = world.model.bodies.bodies.iter();
+                let ray: Ray = world.setting.eye.ray(&camera, f64::from(x), f64::from(y));
+                let bodies = world.bodies.bodies.iter();
                 let all = bodies.filter_map(|body| body.meet(&ray, f64::INFINITY)).map(|c| c.t);
                 let expected = all.fold(f64::INFINITY, f64::min);
-                let found = world.model.bodies.nearest(&ray, f64::INFINITY).map(|(_, contact)| contact.t);
+                let found = world.bodies.nearest(&ray, f64::INFINITY).map(|(_, contact)| contact.t);
                 assert_eq!(found, Some(expected), "{kind} {x} {y}");
             }
         }

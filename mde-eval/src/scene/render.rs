@@ -1,12 +1,11 @@
-//! Light and colour. Depth comes from a ray through each pixel's centre; colour is averaged over a grid of rays, so that
-//! the depth is exact and the image smooth.
+//! Light and colour: the mean over a grid of rays in each pixel, so that the image is smooth.
 
-use super::bvh::Hierarchy;
+use super::World;
 use super::noise::lattice;
 use super::solid::{Body, Contact, Ray, Vector};
 use super::texture::Colour;
 use mde_warp::{PinholeCamera, Pose};
-use ndarray::{Array2, Array3};
+use ndarray::{Array3, indices, s};
 
 /// Rays a pixel has along each side.
 const GRID: usize = 3;
@@ -20,15 +19,6 @@ pub(super) struct Light {
     /// Size of the light, which softens its shadows.
     pub(super) radius: f64,
     pub(super) colour: Colour,
-}
-
-/// Everything that is rendered, in room coordinates.
-#[derive(Debug, Clone)]
-pub(super) struct Model {
-    pub(super) bodies: Hierarchy,
-    pub(super) lights: Vec<Light>,
-    pub(super) ambient: Colour,
-    pub(super) exposure: f64,
 }
 
 /// The camera's place in room coordinates: origin, and the directions of its x, y and z axes.
@@ -65,38 +55,23 @@ impl Eye {
     }
 }
 
-impl Model {
-    /// Z-depth at each pixel's centre, `[height, width]`; 0 where a ray leaves the room.
-    pub(super) fn depth(&self, camera: &PinholeCamera, eye: &Eye) -> Array2<f32> {
-        Array2::from_shape_fn((camera.height, camera.width), |(y, x)| {
-            let ray = eye.ray(camera, x as f64, y as f64);
-            self.bodies.nearest(&ray, f64::INFINITY).map_or(0.0, |(_, contact)| contact.t as f32)
-        })
-    }
-
+impl World {
     /// The image, `[height, width, 3]`, sRGB in 0 to 1.
     pub(super) fn image(&self, camera: &PinholeCamera, eye: &Eye) -> Array3<f32> {
         let mut image = Array3::zeros((camera.height, camera.width, 3));
-        for y in 0..camera.height {
-            for x in 0..camera.width {
-                let light = self.pixel(camera, eye, x, y) * self.exposure;
-                for channel in 0..3 {
-                    image[(y, x, channel)] = encode(light[channel]);
-                }
-            }
+        for (y, x) in indices(camera.dim()) {
+            let light = self.pixel(camera, eye, x, y) * self.exposure;
+            let pixel = image.slice_mut(s![y, x, ..]);
+            pixel.into_iter().zip(&light).for_each(|(value, light)| *value = encode(*light));
         }
         image
     }
 
     /// An exposure that maps the mean of the log radiance to middle grey.
-    pub(super) fn meter(&self, camera: &PinholeCamera, eye: &Eye) -> f64 {
-        let mut log_sum = 0.0;
-        for y in 0..camera.height {
-            for x in 0..camera.width {
-                log_sum += (1e-4 + self.pixel(camera, eye, x, y).mean()).ln();
-            }
-        }
-        0.24 / (log_sum / (camera.width * camera.height).max(1) as f64).exp()
+    pub(super) fn metered(&self, camera: &PinholeCamera) -> f64 {
+        let log = |(y, x)| (1e-4 + self.pixel(camera, &self.setting.eye, x, y).mean()).ln();
+        let logs = indices(camera.dim()).into_iter().map(log);
+        0.24 / (logs.sum::<f64>() / (camera.width * camera.height).max(1) as f64).exp()
     }
 
     /// Light through one pixel: the mean over a grid of rays.
@@ -121,9 +96,9 @@ impl Model {
         let eye = -ray.direction.normalize();
         let open = self.openness(point, normal, dither);
         // Floors and tables throw some of the light back up.
-        let mut light = self.ambient * (open * (0.75 + 0.25 * normal.z));
+        let mut light = self.setting.ambient * (open * (0.75 + 0.25 * normal.z));
         let mut shine = 0.0;
-        for (index, lamp) in self.lights.iter().enumerate() {
+        for (index, lamp) in self.setting.lights.iter().enumerate() {
             let aim = lamp.position + dither.on_sphere(index) * lamp.radius - point;
             let distance = aim.norm();
             let towards = aim / distance;

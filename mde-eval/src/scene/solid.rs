@@ -114,15 +114,9 @@ fn meet_ellipsoid(origin: Vector, direction: Vector, radii: Vector) -> Option<(f
     Some((t, (o + d * t).component_div(&radii).normalize()))
 }
 
-fn meet_frustum(
-    origin: Vector,
-    direction: Vector,
-    length: f64,
-    bottom: f64,
-    top: f64,
-) -> Option<(f64, Vector)> {
+/// Of a ray from `o` along `d`.
+fn meet_frustum(o: Vector, d: Vector, length: f64, bottom: f64, top: f64) -> Option<(f64, Vector)> {
     let slope = (top - bottom) / length;
-    let (o, d) = (origin, direction);
     let radius = bottom + slope * o.z;
     let a = d.x * d.x + d.y * d.y - slope * slope * d.z * d.z;
     let b = o.x * d.x + o.y * d.y - slope * d.z * radius;

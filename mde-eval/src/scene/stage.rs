@@ -69,8 +69,7 @@ impl Stage {
 
     /// A box turned about its own centre.
     pub(super) fn tilted(&mut self, stand: &Stand, at: Triple, size: Triple, turn: Turn, material: Material) {
-        let shape = Shape::Block(0.5 * Vector::from(size));
-        self.push(stand, at, turn, shape, material);
+        self.push(stand, at, turn, Shape::Block(0.5 * Vector::from(size)), material);
     }
 
     pub(super) fn ellipsoid(

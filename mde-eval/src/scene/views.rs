@@ -74,8 +74,7 @@ impl World {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Config`] for a field at fault, and for a baseline for which the room has no space; [`Error::Camera`] for an
-    /// empty image.
+    /// [`Error::Config`] for a field at fault or a baseline that the room has no space for; [`Error::Camera`] for an empty image.
     pub fn capture(&self, id: &str, config: &CaptureConfig, width: usize, height: usize) -> Result<Capture> {
         config.validate()?;
         let camera = self.camera(width, height)?;
@@ -151,11 +150,11 @@ impl World {
 
     /// Whether a camera can be carried from the reference to a pose, and has nothing right before it.
     fn has_space(&self, pose: &Pose) -> bool {
-        let eye = self.eye.moved(pose);
-        let way = eye.origin - self.eye.origin;
-        let (length, origin) = (way.norm(), self.eye.origin);
+        let origin = self.setting.eye.origin;
+        let way = self.setting.eye.moved(pose).origin - origin;
+        let length = way.norm();
         let ray = Ray { origin, direction: way / length };
-        if self.model.bodies.nearest(&ray, length + CLEARANCE).is_some() {
+        if self.bodies.nearest(&ray, length + CLEARANCE).is_some() {
             return false;
         }
         let Ok(camera) = self.camera(16, 12) else { return false };

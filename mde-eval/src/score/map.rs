@@ -1,14 +1,15 @@
-use super::truth::Truth;
 use crate::Result;
 use crate::metrics::boundary::boundary_f1;
 use crate::metrics::dbe::{BoundaryErrors, boundaries, boundary_errors};
-use crate::metrics::edges::{Edges, edge_curve};
+use crate::metrics::edges::{Edges, edge_curve, edges};
 use crate::metrics::sharpness::{EdgeSplit, sharpness, sharpness_by_edges};
-use crate::metrics::superpixel::d3r;
+use crate::metrics::superpixel::{SuperpixelPairs, d3r};
 use crate::raster::{Map, gather};
+use ndarray::Array2;
+use std::sync::{Arc, OnceLock};
 
 /// Thresholds of the edge scores, metres of Sobel gradient (gain 8).
-pub(super) const EDGE_THRESHOLDS: [f64; 2] = [0.25, 0.5];
+const EDGE_THRESHOLDS: [f64; 2] = [0.25, 0.5];
 /// Tolerance of the edge scores, pixels.
 const EDGE_TOLERANCE: u32 = 1;
 /// The truth's edges between on-edge and off-edge sharpness: those at 0.5 m of [`EDGE_THRESHOLDS`].
@@ -27,7 +28,7 @@ pub(super) struct DepthMap {
     /// Sharpness on and off the true edges.
     pub(super) split: EdgeSplit,
     /// Nothing where the truth has no boundary.
-    pub(super) boundaries: Option<BoundaryErrors>,
+    pub(super) dbe: Option<BoundaryErrors>,
     pub(super) d3r: Option<f64>,
     pub(super) boundary_f1: f64,
     /// Nothing where no pixel is left.
@@ -51,7 +52,7 @@ impl DepthMap {
             let f1 = curve.as_ref().map_or(0.0, |curve| curve.at(threshold).f1());
             Ok(EdgeScores { f1, f1_max: curve.map(|curve| curve.f1_max()) })
         };
-        let (edges, (boundaries, boundary_f1)) = rayon::join(
+        let (edges, (dbe, boundary_f1)) = rayon::join(
             || EDGE_THRESHOLDS.into_iter().zip(&truth.edges).map(edge_scores).collect::<Result<_>>(),
             || {
                 let errors = boundaries(map, mask).and_then(|own| boundary_errors(&own, &truth.boundaries));
@@ -63,10 +64,55 @@ impl DepthMap {
             true_depths: gather(true_depth, mask),
             edges: edges?,
             split: sharpness_by_edges(map, mask, &truth.edges[BAND_EDGES], BAND)?,
-            boundaries: boundaries?,
+            dbe: dbe?,
             d3r: d3r(map, &truth.superpixels)?,
             boundary_f1: boundary_f1?,
             sharpness: sharpness(map, mask).ok(),
         })
+    }
+}
+
+/// Edges and superpixels of a truth: computed for its first prediction, and shared by all that leave the same pixels to count.
+///
+/// A [`Subject`](super::Subject) refers to it. Scores are the same with and without it.
+#[derive(Debug, Default)]
+pub struct TruthCache(OnceLock<Arc<Truth>>);
+
+impl TruthCache {
+    /// What was computed first where it is of the same depths and pixels, else computed here.
+    pub(super) fn truth(&self, depth: &Array2<f32>, pixels: &Array2<bool>) -> Result<Arc<Truth>> {
+        if let Some(known) = self.0.get().filter(|known| known.depth == depth && known.pixels == pixels) {
+            return Ok(known.clone());
+        }
+        let truth = Arc::new(Truth::new(depth.clone(), pixels.clone())?);
+        // Nothing where another one is there already.
+        let _ = self.0.set(truth.clone());
+        Ok(truth)
+    }
+}
+
+/// What the scores of the depth need of the truth alone.
+#[derive(Debug)]
+pub(super) struct Truth {
+    /// True depth `[height, width]` in metres, 0 where a pixel does not count.
+    depth: Array2<f32>,
+    /// Pixels that count, `[height, width]`.
+    pixels: Array2<bool>,
+    /// At each of [`EDGE_THRESHOLDS`].
+    edges: Vec<Edges>,
+    boundaries: Edges,
+    superpixels: SuperpixelPairs,
+}
+
+impl Truth {
+    fn new(depth: Array2<f32>, pixels: Array2<bool>) -> Result<Self> {
+        let (map, mask) = (depth.view(), pixels.view());
+        let of_threshold = |threshold| edges(map, mask, threshold);
+        let (edges, superpixels) = rayon::join(
+            || EDGE_THRESHOLDS.into_iter().map(of_threshold).collect::<Result<_>>(),
+            || SuperpixelPairs::new(map, mask),
+        );
+        let (edges, boundaries, superpixels) = (edges?, boundaries(map, mask)?, superpixels?);
+        Ok(Self { edges, boundaries, superpixels, depth, pixels })
     }
 }

@@ -1,12 +1,10 @@
 use super::Aligned;
 use crate::Result;
-use crate::align::Alignment;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
 use crate::metrics::sparsification::Reduction::{Mean, RootMean};
 use crate::metrics::sparsification::{
-    Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi,
+    Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi, spearman_of_bins,
 };
-use crate::raster::Map;
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
 use serde::{Deserialize, Serialize};
 
@@ -34,8 +32,9 @@ pub(super) struct SigmaMap {
     pub(super) errors: Vec<f64>,
     pub(super) sigma: Vec<f64>,
     /// Mean sigma and mean error of 100 runs by rising sigma.
-    pub(super) bins: Vec<UncertaintyBin>,
+    bins: Vec<UncertaintyBin>,
     pub(super) spearman: Option<f64>,
+    pub(super) spearman_binned: Option<f64>,
     /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
     pub(super) spearman_relative: Option<f64>,
     pub(super) mae: Sparsification,
@@ -47,16 +46,12 @@ pub(super) struct SigmaMap {
 }
 
 impl SigmaMap {
-    /// Of a prediction and its sigma; nothing where no pixel has an uncertainty.
-    pub(super) fn new(
-        prediction: Map<'_>,
-        sigma: Map<'_>,
-        aligned: &Aligned,
-        alignment: &Alignment,
-    ) -> Result<Option<Self>> {
+    /// Nothing where no pixel has an uncertainty.
+    pub(super) fn new(aligned: &Aligned<'_>) -> Result<Option<Self>> {
+        let Aligned { subject, alignment, depth, truth, pixels } = aligned;
+        let Some(sigma) = subject.sigma else { return Ok(None) };
         let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());
-        let values =
-            prediction.iter().zip(sigma).zip(&aligned.depth).zip(&aligned.truth).zip(&aligned.pixels);
+        let values = subject.prediction.iter().zip(sigma).zip(depth).zip(truth).zip(pixels);
         for ((((&p, &sigma), &aligned), &truth), &keep) in values {
             let scaled = alignment.sigma(f64::from(p), f64::from(sigma));
             if keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite() {
@@ -76,8 +71,10 @@ impl SigmaMap {
         let relative: Vec<f64> = absolute.iter().zip(&truth).map(|(e, g)| e / g).collect();
         let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
         let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(&truth).map(over_depth).collect();
+        let bins = costs_by_uncertainty(&absolute, &sigma, 100)?;
         Ok(Some(Self {
             spearman: spearman(&sigma, &absolute)?,
+            spearman_binned: spearman_of_bins(&bins)?,
             spearman_relative: spearman(&relative_sigma, &relative)?,
             mae: sparsify(&absolute, &sigma, Mean)?,
             rmse: sparsify(&squared, &sigma, RootMean)?,
@@ -85,7 +82,7 @@ impl SigmaMap {
             poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
             errors,
-            bins: costs_by_uncertainty(&absolute, &sigma, 100)?,
+            bins,
             sigma,
         }))
     }

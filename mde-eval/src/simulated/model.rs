@@ -35,11 +35,6 @@ impl Default for SimulatedModelConfig {
 }
 
 impl SimulatedModelConfig {
-    /// No fault but a small prediction.
-    pub fn small(side: usize) -> Self {
-        Self { side, lost_cells: 0.0, lost_width: 0.0, shared_error: 0.0, own_error: 0.0, ..Self::default() }
-    }
-
     /// Checks the fields.
     ///
     /// # Errors
@@ -220,6 +215,12 @@ mod tests {
         (SimulatedModel::new(&scene.image, &scene.depth, config).unwrap(), scene.image, scene.depth)
     }
 
+    /// No fault but a small prediction.
+    fn small(side: usize) -> SimulatedModelConfig {
+        let [lost_cells, lost_width, shared_error, own_error] = [0.0; 4];
+        SimulatedModelConfig { side, lost_cells, lost_width, shared_error, own_error, seed: 0 }
+    }
+
     fn error(prediction: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
         let logs = prediction.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
         logs.sum::<f32>() / prediction.map.len() as f32
@@ -227,7 +228,7 @@ mod tests {
 
     #[test]
     fn a_crop_is_seen_more_sharply_than_the_whole() {
-        let (model, image, depth) = model(SimulatedModelConfig::small(15));
+        let (model, image, depth) = model(small(15));
         let whole = model.predict(image.view()).unwrap();
         let part = s![10..40, 20..60];
         let crop = model.predict(image.slice(s![10..40, 20..60, ..])).unwrap();
@@ -239,16 +240,12 @@ mod tests {
     #[test]
     fn own_errors_differ_between_predictions_and_shared_ones_do_not() {
         let faults = |shared_error, own_error| {
-            let config =
-                SimulatedModelConfig { shared_error, own_error, ..SimulatedModelConfig::small(4096) };
+            let config = SimulatedModelConfig { shared_error, own_error, ..small(4096) };
             let (model, image, depth) = model(config);
-            let bend = |prediction: PriorDepth, truth: &Array2<f32>| (prediction.map / truth).mapv(f32::ln);
-            let straight = bend(model.predict(image.view()).unwrap(), &depth);
-            let mirror = bend(
-                model.predict(image.slice(s![.., ..;-1, ..])).unwrap(),
-                &depth.slice(s![.., ..;-1]).to_owned(),
-            );
-            let apart = &straight - &mirror.slice(s![.., ..;-1]);
+            let predicted = |image: ArrayView3<'_, f32>| model.predict(image).unwrap().map;
+            let straight = (predicted(image.view()) / &depth).mapv(f32::ln);
+            let mirrored = predicted(image.slice(s![.., ..;-1, ..]));
+            let apart = &straight - (&mirrored.slice(s![.., ..;-1]) / &depth).mapv(f32::ln);
             [straight, apart].map(|map| map.mapv(|v| v * v).mean().unwrap().sqrt())
         };
         let [size, apart] = faults(0.05, 0.0);
@@ -262,8 +259,7 @@ mod tests {
         let world = World::new(Room::Study, 0).unwrap();
         let config = CaptureConfig { views: 2, ..CaptureConfig::default() };
         let capture = world.capture("study", &config, 64, 48).unwrap();
-        let models =
-            SimulatedModel::of_capture(&world, &capture, &SimulatedModelConfig::small(4096)).unwrap();
+        let models = SimulatedModel::of_capture(&world, &capture, &small(4096)).unwrap();
         for photograph in &capture.views {
             let image = &photograph.view.image;
             let depth = world.depth(&photograph.view.camera, &photograph.view.pose);
@@ -286,9 +282,7 @@ mod tests {
         assert!(SimulatedModel::new(&image, &hole, config()).is_err());
         assert!(SimulatedModel::new(&image, &Array2::ones((3, 3)), config()).is_err());
         let bad = SimulatedModelConfig { own_error: f64::NAN, ..config() };
-        assert!(matches!(
-            SimulatedModel::new(&image, &depth, bad),
-            Err(Error::Config { field: "own-error", .. })
-        ));
+        let refused = SimulatedModel::new(&image, &depth, bad);
+        assert!(matches!(refused, Err(Error::Config { field: "own-error", .. })));
     }
 }

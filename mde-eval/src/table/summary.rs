@@ -167,18 +167,15 @@ impl<'e> Values<'e> {
         let badness = |value: f64| metric.better.badness(value);
         let worse = x.iter().zip(&r).filter(|&(&x, &r)| badness(x) > badness(r)).count();
         let paired = !x.is_empty();
+        let positive = paired && r.iter().all(|r| *r >= 0.0);
         Ok(Some(Statistics {
             scenes: values.len(),
             mean: values.iter().sum::<f64>() / values.len() as f64,
             median: median(values).unwrap_or(f64::NAN),
             paired: x.len(),
             places: places.iter().collect::<BTreeSet<_>>().len(),
-            difference: if paired { Some(bootstrap.difference(&x, &r, &places)?) } else { None },
-            ratio: if paired && r.iter().all(|r| *r >= 0.0) {
-                bootstrap.ratio(&x, &r, &places)?
-            } else {
-                None
-            },
+            difference: paired.then(|| bootstrap.difference(&x, &r, &places)).transpose()?,
+            ratio: positive.then(|| bootstrap.ratio(&x, &r, &places)).transpose()?.flatten(),
             worse: (paired && badness(0.0).is_some()).then_some(worse),
             rank,
         }))

@@ -1,6 +1,7 @@
 use super::write::ENOUGH;
 use super::{MethodSummary, Statistics, Summary};
 use crate::score::{Better, Group, METRICS, Metric};
+use crate::statistics::Estimate;
 
 /// Separates a method's name from that of a trivial sigma.
 pub(crate) const SIGMA_BY: &str = ", sigma by ";
@@ -67,10 +68,8 @@ impl Summary {
 
 fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String {
     let headline = method.metrics.get(HEADLINE).zip(own).map_or_else(String::new, |(s, own)| {
-        let change = match s.ratio {
-            Some(ratio) => format!(" ({:+.1} %)", 100.0 * (ratio.value - 1.0)),
-            None => String::new(),
-        };
+        let percent = |ratio: Estimate| format!(" ({:+.1} %)", 100.0 * (ratio.value - 1.0));
+        let change = s.ratio.map_or_else(String::new, percent);
         format!("AbsRel {own:.4} -> {:.4}{change}; ", s.mean)
     });
     let (mut better, mut worse, mut open) = (Vec::new(), Vec::new(), 0);
@@ -162,14 +161,10 @@ mod tests {
         let summary = Summary::new(&entries(8), Some("prior"), &Bootstrap::default()).unwrap();
         let lines = verdict(&summary, "table.md");
         assert_eq!(lines.len(), 2, "{lines:?}");
-        assert!(
-            lines[0].starts_with("good: AbsRel ") && lines[0].contains("better than prior in "),
-            "{lines:?}"
-        );
-        assert!(
-            lines[1].starts_with("bad: AbsRel ") && lines[1].contains("worse than prior in "),
-            "{lines:?}"
-        );
+        let told = [("good: AbsRel ", "better than prior in "), ("bad: AbsRel ", "worse than prior in ")];
+        for (line, (start, what)) in lines.iter().zip(told) {
+            assert!(line.starts_with(start) && line.contains(what), "{line}");
+        }
     }
 
     #[test]
@@ -183,10 +178,8 @@ mod tests {
         let summary = |scenes| Summary::new(&entries(scenes), Some("prior"), &Bootstrap::default()).unwrap();
         assert!(verdict(&summary(1), "table.md").last().unwrap().starts_with("one scene is too few"));
         let lines = verdict(&summary(3), "table.md");
-        assert!(
-            lines[..2].iter().all(|line| line.contains("no difference to prior beyond chance")),
-            "{lines:?}"
-        );
+        let nothing = "no difference to prior beyond chance";
+        assert!(lines[..2].iter().all(|line| line.contains(nothing)), "{lines:?}");
         assert!(lines[2].contains("3 scenes are too few"), "{lines:?}");
     }
 }

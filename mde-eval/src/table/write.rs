@@ -1,43 +1,7 @@
 use super::document::{Block, Document, Table};
-use super::{Entry, Statistics, Summary};
+use super::{Statistics, Summary};
 use crate::score::{Better, Group, METRICS, Metric};
 use crate::statistics::Estimate;
-use crate::{Error, Result};
-use std::io::Write;
-
-/// Writes one row per scene, method and seed: `scene,place,method,seed,alignment`, then every metric's key; an empty field where
-/// there is no value.
-///
-/// # Errors
-/// [`Error::Method`] where the writer fails.
-pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
-    let fault = |error: csv::Error| Error::Method(format!("the scores can't be written: {error}"));
-    let mut writer = csv::Writer::from_writer(to);
-    let heads = ["scene", "place", "method", "seed", "alignment"].into_iter();
-    writer.write_record(heads.chain(METRICS.iter().map(|metric| metric.key))).map_err(fault)?;
-    for entry in entries {
-        let value = |metric: &Metric| entry.values.get(metric.key).map_or_else(String::new, f64::to_string);
-        let values = METRICS.iter().map(value);
-        let Entry { scene, method, seed, alignment, .. } = entry;
-        let names = [inert(scene), inert(entry.place()), inert(method), seed.to_string(), alignment.clone()];
-        writer.write_record(names.into_iter().chain(values)).map_err(fault)?;
-    }
-    writer.flush().map_err(|error| fault(error.into()))
-}
-
-/// A name that a spreadsheet would run as a formula, behind an apostrophe, as spreadsheets mark text.
-pub fn inert(name: &str) -> String {
-    if name.starts_with(['=', '+', '-', '@', '\t', '\r', '\'']) {
-        format!("'{name}")
-    } else {
-        name.to_owned()
-    }
-}
-
-/// A name as it was before [`csv()`] wrote it.
-pub fn original_name(cell: &str) -> &str {
-    cell.strip_prefix('\'').filter(|name| inert(name) == cell).unwrap_or(cell)
-}
 
 /// The summary as a document: for every group of metrics the means with ranks, then the paired differences to the reference
 /// with their intervals, strong where the interval excludes 0.
@@ -135,26 +99,7 @@ mod tests {
     use super::super::tests::entries;
     use super::*;
     use crate::statistics::Bootstrap;
-
-    #[test]
-    fn the_file_has_every_metric_of_every_entry_and_no_name_is_a_formula() {
-        let mut entries = entries();
-        let names = ["=cmd|' /C calc'!A0", "+1", "-1", "@a", "'=1", "study"];
-        entries.iter_mut().zip(names).for_each(|(entry, name)| entry.scene = name.to_owned());
-        let mut bytes = Vec::new();
-        csv(&entries, &mut bytes).unwrap();
-        let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
-        let header = reader.headers().unwrap().clone();
-        assert_eq!(header.len(), METRICS.len() + 5);
-        let column = header.iter().position(|name| name == "mse").unwrap();
-        let rows: Vec<_> = reader.records().map(|row| row.unwrap()).collect();
-        assert_eq!(rows.len(), names.len());
-        for (row, entry) in rows.iter().zip(&entries) {
-            assert!(!row[0].starts_with(['=', '+', '-', '@']), "{}", &row[0]);
-            assert_eq!((original_name(&row[0]), &row[2]), (entry.scene.as_str(), entry.method.as_str()));
-            assert_eq!(row[column].parse::<f64>().unwrap(), entry.values["mse"]);
-        }
-    }
+    use crate::table::Entry;
 
     #[test]
     fn every_table_has_as_many_cells_as_heads() {

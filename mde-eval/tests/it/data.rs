@@ -10,7 +10,7 @@ use mde_eval::mde_uncertainty::statistics::median;
 use mde_eval::ndarray::{Array2, Array3};
 use mde_eval::{Error, Result};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 fn truth() -> Array2<f32> {
     Array2::from_shape_fn((6, 8), |(y, x)| if x == 0 { 0.0 } else { 1.0 + 0.125 * (x + y) as f32 })
@@ -21,43 +21,26 @@ fn told<T>(result: Result<T>) -> String {
     result.err().unwrap().to_string()
 }
 
-fn sun_scene(root: &Path, name: &str, intrinsics: Option<&str>) -> PathBuf {
+/// A scene of SUN RGB-D, whose depth PNG has its bits rotated.
+fn sun_scene(root: &Path, name: &str) {
     let scene = root.join(name);
     for folder in ["image", "depth"] {
         fs::create_dir_all(scene.join(folder)).unwrap();
     }
     write_image(scene.join("image/a.png"), Array3::from_elem((6, 8, 3), 0.5).view()).unwrap();
-    let path = scene.join("depth/a.png");
-    write_sun(&path, &truth());
-    if let Some(text) = intrinsics {
-        fs::write(scene.join("intrinsics.txt"), text).unwrap();
-    }
-    scene
-}
-
-/// A depth PNG with SUN RGB-D's rotated bits.
-fn write_sun(path: &Path, depth: &Array2<f32>) {
     // The linear writer with a scale of 1 stores each value as it is.
-    let raw = depth.mapv(|z| f32::from(((z * 1000.0).round() as u16).rotate_left(3)));
-    write_png16(path, raw.view(), 1.0).unwrap();
+    let raw = truth().mapv(|z| f32::from(((z * 1000.0).round() as u16).rotate_left(3)));
+    write_png16(scene.join("depth/a.png"), raw.view(), 1.0).unwrap();
+    fs::write(scene.join("intrinsics.txt"), "500 0 4.5\n0 501 3.5\n0 0 1\n").unwrap();
 }
-
-const MATRIX: &str = "500 0 4.5\n0 501 3.5\n0 0 1\n";
 
 #[test]
 fn sun_scenes_of_all_sensors_are_found_and_read() {
     let root = tempfile::tempdir().unwrap();
     let lobby = "xtion/sun3ddata/inn/lobby";
-    let scenes = [
-        "kv1/NYUdata/NYU0001",
-        "kv2/000002",
-        "realsense/lg/0003",
-        &format!("{lobby}/01"),
-        &format!("{lobby}/02"),
-    ];
-    for scene in scenes {
-        sun_scene(root.path(), scene, Some(MATRIX));
-    }
+    let [first, second] = ["01", "02"].map(|frame| format!("{lobby}/{frame}"));
+    let scenes = ["kv1/NYUdata/NYU0001", "kv2/000002", "realsense/lg/0003", &first, &second];
+    scenes.iter().for_each(|scene| sun_scene(root.path(), scene));
     let data = SunRgbd::open(root.path(), None).unwrap();
     assert_eq!(data.ids(), scenes);
     assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::SunRgbd);
@@ -158,10 +141,8 @@ fn nyu_pairs_are_found_in_both_layouts() {
     let small = data.load(0).unwrap();
     assert_eq!((small.depth[(1, 3)], small.depth[(1, 0)], small.trusted_depth), (1.5, 0.0, 10.0));
     let camera = data.load(1).unwrap().camera;
-    assert!(
-        (camera.fx - 518.8579).abs() < 1e-3 && (camera.cx - 324.5824).abs() < 1e-3 && !small.assumed_camera
-    );
-    assert!((small.camera.fx - camera.fx / 10.0).abs() < 1e-9);
+    assert!((camera.fx - 518.8579).abs() < 1e-3 && (camera.cx - 324.5824).abs() < 1e-3);
+    assert!(!small.assumed_camera && (small.camera.fx - camera.fx / 10.0).abs() < 1e-9);
     assert_eq!(DataSetKind::guess(&root.path().join("kitchen")).unwrap(), DataSetKind::Nyu);
     let places = [data.place(0), data.place(1)];
     assert_eq!(places, [Some("kitchen"), Some("labelled/0001")]);
@@ -175,7 +156,7 @@ fn nyu_pairs_are_found_in_both_layouts() {
 #[test]
 fn resizing_mixes_no_depths_and_moves_the_camera() {
     let root = tempfile::tempdir().unwrap();
-    sun_scene(root.path(), "a", Some(MATRIX));
+    sun_scene(root.path(), "a");
     let plain = SunRgbd::open(root.path(), None).unwrap();
     let original = plain.load(0).unwrap();
     for (width, height) in [(16, 12), (4, 3), (5, 7), (8, 6), (1, 1)] {

@@ -90,11 +90,8 @@ fn edge_scores() {
         let true_edges = edges(g, m, threshold).unwrap();
         let curve = edge_curve(p, m, &true_edges, tolerance).unwrap().unwrap();
         let found = curve.at(threshold);
-        for (found, expected) in
-            [found.precision, found.recall, found.f1()].into_iter().zip(numbers(&case["fixed"]))
-        {
-            near(found, expected);
-        }
+        let found = [found.precision, found.recall, found.f1()];
+        found.into_iter().zip(numbers(&case["fixed"])).for_each(|(found, expected)| near(found, expected));
         near(curve.f1_max(), case["max"].as_f64().unwrap());
     }
 }

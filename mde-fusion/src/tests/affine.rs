@@ -7,15 +7,9 @@ use proptest::prelude::*;
 proptest! {
     #[test]
     fn the_printed_closed_form_is_the_same_number(samples in samples(2..40)) {
-        let [mut p, mut pu, mut pv, mut puu, mut puv] = [0.0; 5];
-        for s in &samples {
-            let w = 1.0 / s.variance;
-            p += w;
-            pu += w * s.u;
-            pv += w * s.v;
-            puu += w * s.u * s.u;
-            puv += w * s.u * s.v;
-        }
+        let terms: [fn(&Sample) -> f64; 5] = [|_| 1.0, |s| s.u, |s| s.v, |s| s.u * s.u, |s| s.u * s.v];
+        let [p, pu, pv, puu, puv] =
+            terms.map(|term| samples.iter().map(|s| term(s) / s.variance).sum::<f64>());
         let determinant = p * puu - pu * pu;
         // Below this the printed form itself has lost its digits.
         prop_assume!(determinant > 1e-5 * p * puu);

@@ -16,11 +16,6 @@ pub(crate) fn map(view: &GaussianDepth, f: impl Fn(f64, f64) -> (f64, f64)) -> G
     })
 }
 
-/// Applies `f` to every depth that is not missing.
-pub(crate) fn map_prior(prior: &Prior, f: impl Fn(f64) -> f64) -> Prior {
-    Prior::new(prior.mean().mapv(|d| if d > 0.0 { f(d.into()) as f32 } else { 0.0 })).unwrap()
-}
-
 /// Largest relative difference of two maps; infinite where one alone misses a pixel.
 pub(crate) fn difference(a: &GaussianDepth, b: &GaussianDepth) -> f64 {
     assert_eq!(a.dim(), b.dim());
@@ -103,11 +98,7 @@ pub(crate) fn wild_scene(
 
 /// `size` samples of the affine fit: depths in 0.5 to 10, variances in 1e-6 to 1, the first two far apart.
 pub(crate) fn samples(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Sample>> {
-    let sample = (0.5..10.0_f64, -6.0..0.0_f64, 0.5..10.0_f64).prop_map(|(u, log_variance, v)| Sample {
-        u,
-        variance: 10_f64.powf(log_variance),
-        v,
-    });
+    let sample = (gaussian(), 0.5..10.0_f64).prop_map(|(g, v)| Sample { u: g.mean, variance: g.variance, v });
     vec(sample, size).prop_map(|mut samples| {
         for (sample, u) in samples.iter_mut().zip([0.5, 10.0]) {
             (sample.u, sample.variance) = (u, 0.1);

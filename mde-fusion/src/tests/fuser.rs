@@ -1,5 +1,5 @@
 //! Theorems of the whole fusion, and each choice of the configuration.
-use super::common::{Random, config, difference, map, map_prior, scene, wild_scene};
+use super::common::{Random, config, difference, map, scene, wild_scene};
 use crate::{
     Aggregation, BayesFuser, Calibration, Degenerate, Error, Fused, Fuser, Fusion, FusionConfig,
     GaussianDepth, Prior, PriorVariance, VarianceRule, Warning,
@@ -96,9 +96,10 @@ proptest! {
     fn the_unit_does_not_matter(k in 0.01..100.0_f64) {
         let (prior, views) = room();
         let scaled: Vec<_> = views.iter().map(|view| map(view, |m, v| (k * m, k * k * v))).collect();
+        let scaled_prior = Prior::new(prior.mean().mapv(|d| (k * f64::from(d)) as f32)).unwrap();
         for config in [FusionConfig::paper(), FusionConfig { aggregation: Aggregation::Mixture, ..FusionConfig::paper() }] {
             let one = fuse(config.clone(), &prior, &views);
-            let other = fuse(config, &map_prior(&prior, |d| k * d), &scaled);
+            let other = fuse(config, &scaled_prior, &scaled);
             let expected = map(&one.depth, |m, v| (k * m, k * k * v));
             prop_assert!(difference(&expected, &other.depth) < 1e-4);
             assert_relative_eq!(other.report.sigma_o, k * one.report.sigma_o, max_relative = 1e-4);
@@ -215,16 +216,15 @@ fn degenerate_calibrations_give_the_prior_and_a_reason() {
     let (prior, views) = room();
     let mirrored: Vec<_> = views.iter().map(|view| map(view, |m, v| (10.0 - m, v))).collect();
     let flat: Vec<_> = views.iter().map(|view| map(view, |_, v| (2.0, v))).collect();
-    let one = {
-        let mut variance = Array2::from_elem((12, 16), f32::INFINITY);
-        variance[(4, 4)] = 0.01;
-        vec![GaussianDepth::new(Array2::from_elem((12, 16), 2.0), variance).unwrap()]
-    };
-    let is_scale = |d: &Degenerate| matches!(d, Degenerate::Scale { a } if *a < 0.0);
-    let is_singular = |d: &Degenerate| matches!(d, Degenerate::Singular { .. });
-    let is_support = |d: &Degenerate| matches!(d, Degenerate::Support { found: 1 });
-    type Expected<'a> = (&'a [GaussianDepth], &'a dyn Fn(&Degenerate) -> bool);
-    let cases: [Expected<'_>; 3] = [(&mirrored, &is_scale), (&flat, &is_singular), (&one, &is_support)];
+    let mut variance = Array2::from_elem((12, 16), f32::INFINITY);
+    variance[(4, 4)] = 0.01;
+    let one = [GaussianDepth::new(Array2::from_elem((12, 16), 2.0), variance).unwrap()];
+    type Case<'a> = (&'a [GaussianDepth], fn(&Degenerate) -> bool);
+    let cases: [Case<'_>; 3] = [
+        (&mirrored, |d| matches!(d, Degenerate::Scale { a } if *a < 0.0)),
+        (&flat, |d| matches!(d, Degenerate::Singular { .. })),
+        (&one, |d| matches!(d, Degenerate::Support { found: 1 })),
+    ];
     for (views, expected) in cases {
         let fused = fuse(FusionConfig::paper(), &prior, views);
         let reason = fused.report.degenerate.unwrap();

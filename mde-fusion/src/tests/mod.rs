@@ -6,5 +6,4 @@ mod aggregation;
 mod common;
 mod fuser;
 mod posterior;
-mod prior_variance;
 mod reference;

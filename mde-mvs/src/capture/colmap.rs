@@ -8,8 +8,8 @@ use ndarray::ArrayView3;
 use super::error::{no_pose, unsupported};
 use super::tum::{lines, number, numbers};
 use super::{
-    Distortion, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
-    quaternion, read_bytes, read_text, translation,
+    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph,
+    content, quaternion, read_bytes, read_text, translation,
 };
 
 const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV";
@@ -78,21 +78,21 @@ pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths
     Ok(SparseDepths { size: [width, height], depths: depths.collect() })
 }
 
-pub(crate) struct Image {
-    pub(crate) id: u32,
-    pub(crate) quaternion: [f64; 4],
-    pub(crate) translation: [f64; 3],
-    pub(crate) camera: u32,
-    pub(crate) name: String,
+pub(super) struct Image {
+    pub(super) id: u32,
+    pub(super) quaternion: [f64; 4],
+    pub(super) translation: [f64; 3],
+    pub(super) camera: u32,
+    pub(super) name: String,
 }
 
 /// Position, error, and the images that show the point.
-pub(crate) type Point = ([f64; 3], f64, Vec<u32>);
+pub(super) type Point = ([f64; 3], f64, Vec<u32>);
 
-pub(crate) struct Raw {
-    pub(crate) cameras: BTreeMap<u32, Lens>,
-    pub(crate) images: Vec<Image>,
-    pub(crate) points: Vec<Point>,
+pub(super) struct Raw {
+    pub(super) cameras: BTreeMap<u32, Lens>,
+    pub(super) images: Vec<Image>,
+    pub(super) points: Vec<Point>,
 }
 
 impl Raw {
@@ -129,7 +129,7 @@ impl Raw {
         Ok((lens, Pose::from_parts(translation, rotation)))
     }
 
-    pub(crate) fn capture(
+    pub(super) fn capture(
         mut self,
         path: &Path,
         photographs: &Path,
@@ -201,14 +201,14 @@ fn integer<T: std::str::FromStr>(path: &Path, line: usize, word: Option<&str>, w
     word.and_then(|w| w.parse().ok()).ok_or_else(problem)
 }
 
-pub(crate) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens>> {
+pub(super) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens>> {
     let mut cameras = BTreeMap::new();
     for (line, text) in lines(text) {
         let mut words = text.split_whitespace();
         let id = integer(path, line, words.next(), "the camera's number")?;
         let name = words.next().unwrap_or_default();
-        let model =
-            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name, SUPPORTED))?;
+        let model = MODELS.iter().position(|model| model.0 == name);
+        let model = model.ok_or_else(|| unsupported(path, name, SUPPORTED))?;
         let size =
             [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
         let parameters = (0..MODELS[model].1)
@@ -219,7 +219,7 @@ pub(crate) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens
     Ok(cameras)
 }
 
-pub(crate) fn text_images(path: &Path, text: &str) -> Result<Vec<Image>> {
+pub(super) fn text_images(path: &Path, text: &str) -> Result<Vec<Image>> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
     while let Some((i, text)) = lines.next() {
@@ -246,7 +246,7 @@ pub(crate) fn text_images(path: &Path, text: &str) -> Result<Vec<Image>> {
     Ok(images)
 }
 
-pub(crate) fn text_points(path: &Path, text: &str) -> Result<Vec<Point>> {
+pub(super) fn text_points(path: &Path, text: &str) -> Result<Vec<Point>> {
     let mut points = Vec::new();
     for (line, text) in lines(text) {
         let mut words = text.split_whitespace();
@@ -279,14 +279,15 @@ impl<'a> Bytes<'a> {
         format!("byte {}", self.all - self.rest.len())
     }
 
+    fn fault(&self, problem: &str) -> Error {
+        content(self.path, self.place(), problem)
+    }
+
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
-        match self.rest.split_first_chunk::<N>() {
-            Some((head, rest)) => {
-                self.rest = rest;
-                Ok(*head)
-            }
-            None => Err(content(self.path, self.place(), "the file ends too early; export the model again")),
-        }
+        let early = || self.fault("the file ends too early; export the model again");
+        let (head, rest) = self.rest.split_first_chunk::<N>().ok_or_else(early)?;
+        self.rest = rest;
+        Ok(*head)
     }
 
     fn u32(&mut self) -> Result<u32> {
@@ -312,38 +313,29 @@ impl<'a> Bytes<'a> {
     /// Skips `number` entries of `size` bytes.
     fn skip(&mut self, number: u64, size: u64) -> Result<()> {
         let bytes = number.checked_mul(size).and_then(|n| usize::try_from(n).ok());
-        match bytes.and_then(|n| self.rest.get(n..)) {
-            Some(rest) => {
-                self.rest = rest;
-                Ok(())
-            }
-            None => Err(content(self.path, self.place(), format!("{number} entries do not fit in the file"))),
-        }
+        let more = || self.fault(&format!("{number} entries do not fit in the file"));
+        self.rest = bytes.and_then(|n| self.rest.get(n..)).ok_or_else(more)?;
+        Ok(())
     }
 
     /// A count of entries of at least `size` bytes, which must fit in what is left.
     fn count(&mut self, size: usize) -> Result<usize> {
         let place = self.place();
         let n = self.u64()?;
-        match usize::try_from(n).ok().filter(|n| *n <= self.rest.len() / size) {
-            Some(n) => Ok(n),
-            None => Err(content(self.path, place, format!("{n} entries do not fit in the file"))),
-        }
+        let more = || content(self.path, place, format!("{n} entries do not fit in the file"));
+        usize::try_from(n).ok().filter(|n| *n <= self.rest.len() / size).ok_or_else(more)
     }
 
     fn name(&mut self) -> Result<String> {
         let end = self.rest.iter().position(|b| *b == 0);
-        let Some((name, rest)) = end.and_then(|n| Some((self.rest.get(..n)?, self.rest.get(n + 1..)?)))
-        else {
-            return Err(content(self.path, self.place(), "a name does not end"));
-        };
+        let parts = end.and_then(|n| Some((self.rest.get(..n)?, self.rest.get(n + 1..)?)));
+        let (name, rest) = parts.ok_or_else(|| self.fault("a name does not end"))?;
         self.rest = rest;
-        let name = std::str::from_utf8(name);
-        name.map(str::to_owned).map_err(|_| content(self.path, self.place(), "a name is not UTF-8"))
+        std::str::from_utf8(name).map(str::to_owned).map_err(|_| self.fault("a name is not UTF-8"))
     }
 }
 
-pub(crate) fn binary_cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, Lens>> {
+pub(super) fn binary_cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, Lens>> {
     let mut bytes = Bytes::new(path, bytes);
     let mut cameras = BTreeMap::new();
     for _ in 0..bytes.count(24)? {
@@ -361,7 +353,7 @@ pub(crate) fn binary_cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, 
     Ok(cameras)
 }
 
-pub(crate) fn binary_images(path: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
+pub(super) fn binary_images(path: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
     let mut bytes = Bytes::new(path, bytes);
     let mut images = Vec::new();
     let number = bytes.count(73)?;
@@ -380,7 +372,7 @@ pub(crate) fn binary_images(path: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
     Ok(images)
 }
 
-pub(crate) fn binary_points(path: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
+pub(super) fn binary_points(path: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
     let mut bytes = Bytes::new(path, bytes);
     let mut points = Vec::new();
     for _ in 0..bytes.count(51)? {

@@ -89,10 +89,8 @@ impl PosedCapture {
         found.ok_or_else(|| {
             let some = self.frames.iter().take(3).map(|frame| frame.photograph.display().to_string());
             let (some, frames) = (some.collect::<Vec<_>>().join(", "), self.frames.len());
-            fault(
-                photograph,
-                format!("not a photograph of this capture; give one of its {frames}, such as {some}"),
-            )
+            let remedy = format!("give one of its {frames}, such as {some}");
+            fault(photograph, format!("not a photograph of this capture; {remedy}"))
         })
     }
 

@@ -131,18 +131,14 @@ impl Lens {
         if self.distortion.is_none() {
             return Ok((photograph.to_owned(), Array2::from_elem((h, w), true)));
         }
-        let rows: Vec<Vec<Option<[f32; 3]>>> = (0..h)
-            .into_par_iter()
-            .map(|y| {
-                let sample = |x: usize| {
-                    let at = self.photograph_pixel(Point2::new(x as f64, y as f64))?;
-                    colour_at(photograph, at)
-                };
-                (0..w).map(sample).collect()
-            })
-            .collect();
-        let mask = Array2::from_shape_fn((h, w), |(y, x)| rows[y][x].is_some());
-        let image = Array3::from_shape_fn((h, w, 3), |(y, x, c)| rows[y][x].map_or(0.0, |colour| colour[c]));
+        let colour = |at: usize| {
+            let pixel = Point2::new((at % w) as f64, (at / w) as f64);
+            colour_at(photograph, self.photograph_pixel(pixel)?)
+        };
+        let colours: Vec<Option<[f32; 3]>> = (0..h * w).into_par_iter().map(colour).collect();
+        let mask = Array2::from_shape_fn((h, w), |(y, x)| colours[y * w + x].is_some());
+        let image =
+            Array3::from_shape_fn((h, w, 3), |(y, x, c)| colours[y * w + x].map_or(0.0, |found| found[c]));
         Ok((image, mask))
     }
 }

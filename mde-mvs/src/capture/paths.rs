@@ -29,9 +29,8 @@ mod tests {
         }
         let file = place.join("a/b/c.png");
         fs::write(&file, "").unwrap();
-        for (folder, expected) in
-            [("a/b", "c.png"), ("a", "b/c.png"), ("", "a/b/c.png"), ("d/e", "../../a/b/c.png")]
-        {
+        let cases = [("a/b", "c.png"), ("a", "b/c.png"), ("", "a/b/c.png"), ("d/e", "../../a/b/c.png")];
+        for (folder, expected) in cases {
             assert_eq!(relative_path(&file, &place.join(folder)).unwrap().as_deref(), Some(expected));
         }
         fs::remove_dir_all(place).unwrap();

@@ -23,21 +23,15 @@ fn frames() -> Vec<Frame> {
     let camera = PinholeCamera::new(50.0, 51.0, 31.0, 24.5, 64, 48).unwrap();
     let distortion = Distortion { k1: 0.1, k2: -0.02, k3: 0.001, p1: 0.002, p2: -0.001 };
     let pose = |x: f64| Pose::from(Isometry3::new(Vector3::new(x, 0.2, -0.1), Vector3::new(0.1, x, -0.2)));
-    ["a.png", "b/c.png", "d.png"]
-        .iter()
-        .zip([0.0, 0.5, -0.3])
-        .map(|(name, x)| Frame {
-            photograph: Path::new("shots").join(name),
-            lens: Lens { camera, distortion },
-            pose: pose(x),
-        })
-        .collect()
+    let (lens, folder) = (Lens { camera, distortion }, Path::new("shots"));
+    let frame = |(name, x)| Frame { photograph: folder.join(name), lens, pose: pose(x) };
+    [("a.png", 0.0), ("b/c.png", 0.5), ("d.png", -0.3)].map(frame).to_vec()
 }
 
 fn close(a: &PosedCapture, b: &[Frame]) -> bool {
     let same = |(a, b): (&Frame, &Frame)| {
-        let camera =
-            (a.lens.camera.cx - b.lens.camera.cx).abs() + (a.lens.camera.cy - b.lens.camera.cy).abs();
+        let (own, other) = (&a.lens.camera, &b.lens.camera);
+        let camera = (own.cx - other.cx).abs() + (own.cy - other.cy).abs();
         let (p, q) = (a.pose.to_homogeneous(), b.pose.to_homogeneous());
         a.photograph == b.photograph && camera < 1e-9 && (p - q).amax() < 1e-9
     };
@@ -178,22 +172,16 @@ fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
 
 fn from_text(text: &[String; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.txt");
-    let raw = colmap::Raw {
-        cameras: colmap::text_cameras(path, &text[0])?,
-        images: colmap::text_images(path, &text[1])?,
-        points: colmap::text_points(path, &text[2])?,
-    };
-    raw.capture(path, Path::new("shots"), &present)
+    let cameras = colmap::text_cameras(path, &text[0])?;
+    let (images, points) = (colmap::text_images(path, &text[1])?, colmap::text_points(path, &text[2])?);
+    colmap::Raw { cameras, images, points }.capture(path, Path::new("shots"), &present)
 }
 
 fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.bin");
-    let raw = colmap::Raw {
-        cameras: colmap::binary_cameras(path, &bytes[0])?,
-        images: colmap::binary_images(path, &bytes[1])?,
-        points: colmap::binary_points(path, &bytes[2])?,
-    };
-    raw.capture(path, Path::new("shots"), &present)
+    let cameras = colmap::binary_cameras(path, &bytes[0])?;
+    let (images, points) = (colmap::binary_images(path, &bytes[1])?, colmap::binary_points(path, &bytes[2])?);
+    colmap::Raw { cameras, images, points }.capture(path, Path::new("shots"), &present)
 }
 
 #[test]
@@ -212,9 +200,8 @@ fn colmap_models_are_read_as_text_and_as_bytes() {
         ("SIMPLE_RADIAL", "50 32 24 0.1", 0.1),
         ("RADIAL", "50 32 24 0.1 0.2", 0.1),
     ] {
-        let cameras =
-            colmap::text_cameras(Path::new("c"), &format!("7 {model} 64 48 {parameters}\n")).unwrap();
-        let lens = cameras[&7];
+        let text = format!("7 {model} 64 48 {parameters}\n");
+        let lens = colmap::text_cameras(Path::new("c"), &text).unwrap()[&7];
         assert_eq!((lens.camera.fx, lens.camera.cx, lens.distortion.k1), (50.0, 31.5, k1));
     }
 }
@@ -248,10 +235,8 @@ fn a_model_comes_back_as_written() {
     let images = text[1].1.replace("shots/", "");
     let read = from_text(&[text[0].1.clone(), images, text[2].1.clone()]).unwrap();
     assert!(close(&read, &frames) && read.frames[0].lens == frames[0].lens);
-    assert_eq!(
-        (read.points[0].position, &*read.points[0].frames),
-        (Point3::new(0.25, -1.5, 2.0), &[0, 2][..])
-    );
+    let SparsePoint { position, frames, .. } = &read.points[0];
+    assert_eq!((position, &**frames), (&Point3::new(0.25, -1.5, 2.0), &[0, 2][..]));
     // The place among a photograph's points, and the pixel with its centre at halves.
     assert!(text[2].1.contains("\n1 0.250000 -1.500000 2.000000 1 2 3 0 3 0 1 0\n"), "{}", text[2].1);
     let observed: Vec<_> = text[1].1.lines().skip(2).step_by(2).collect();

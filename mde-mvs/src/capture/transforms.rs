@@ -91,16 +91,9 @@ fn find(
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
 ) -> Option<(PathBuf, [usize; 2])> {
     let plain = folder.join(name);
-    if let Some(found) = size(&plain) {
-        return Some((plain, found));
-    }
-    if plain.extension().is_some() {
-        return None;
-    }
-    EXTENSIONS.iter().find_map(|e| {
-        let with = folder.join(format!("{name}.{e}"));
-        size(&with).map(|found| (with, found))
-    })
+    let extensions = if plain.extension().is_some() { &[][..] } else { &EXTENSIONS };
+    let others = extensions.iter().map(|extension| folder.join(format!("{name}.{extension}")));
+    std::iter::once(plain).chain(others).find_map(|path| size(&path).map(|found| (path, found)))
 }
 
 struct Fields<'a> {
@@ -115,12 +108,15 @@ impl Fields<'_> {
         self.own.get(key).or_else(|| self.shared.get(key))
     }
 
+    /// A fault of the field of that key.
+    fn fault(&self, key: &str, problem: &str) -> Error {
+        content(self.path, format!("{}.{key}", self.place), problem)
+    }
+
     fn number(&self, key: &str) -> Result<Option<f64>> {
-        let Some(value) = self.get(key) else { return Ok(None) };
-        match value.as_f64().filter(|x| x.is_finite()) {
-            Some(x) => Ok(Some(x)),
-            None => Err(content(self.path, format!("{}.{key}", self.place), "not a finite number")),
-        }
+        let finite = |value: &Value| value.as_f64().filter(|x| x.is_finite());
+        let number = |value| finite(value).ok_or_else(|| self.fault(key, "not a finite number"));
+        self.get(key).map(number).transpose()
     }
 
     fn lens(&self, found: [usize; 2], centres: PixelCentres) -> Result<Lens> {
@@ -140,8 +136,7 @@ impl Fields<'_> {
             if (1.0..=65536.0).contains(&x) && x.fract() == 0.0 {
                 return Ok(x as usize);
             }
-            let place = format!("{}.{key}", self.place);
-            Err(content(self.path, place, format!("{x} is no number of pixels from 1 to 65536")))
+            Err(self.fault(key, &format!("{x} is no number of pixels from 1 to 65536")))
         };
         let (width, height) = (pixels("w", found[0])?, pixels("h", found[1])?);
         let by_angle = |key: &str, n: usize| -> Result<Option<f64>> {
@@ -150,7 +145,7 @@ impl Fields<'_> {
                 return Ok(Some(0.5 * n as f64 / (0.5 * angle).tan()));
             }
             let problem = format!("{angle:?} is no field of view; give radians above 0 and below {PI:.4}");
-            Err(content(self.path, format!("{}.{key}", self.place), problem))
+            Err(self.fault(key, &problem))
         };
         let missing = || content(self.path, self.place, "no focal length; give fl_x or camera_angle_x");
         let fx = match self.number("fl_x")? {
@@ -175,8 +170,7 @@ impl Fields<'_> {
     }
 
     fn pose(&self, photograph: &str) -> Result<Pose> {
-        let place = format!("{}.transform_matrix", self.place);
-        let bad = || content(self.path, &place, "not 4x4 (or 3x4) finite numbers");
+        let bad = || self.fault("transform_matrix", "not 4x4 (or 3x4) finite numbers");
         let rows = self.own.get("transform_matrix").and_then(Value::as_array).ok_or_else(bad)?;
         if !(3..=4).contains(&rows.len()) {
             return Err(bad());
@@ -222,9 +216,7 @@ pub fn transforms_json(
             let camera = &frame.lens.camera;
             let d = &frame.lens.distortion;
             let m = frame.pose.inverse().to_homogeneous();
-            let row = |r: usize| -> Vec<f64> {
-                (0..4).map(|c| if c == 1 || c == 2 { -m[(r, c)] } else { m[(r, c)] }).collect()
-            };
+            let row = |r| [0, 1, 2, 3].map(|c| if c == 1 || c == 2 { -m[(r, c)] } else { m[(r, c)] });
             let name = frame.photograph.strip_prefix(folder).unwrap_or(&frame.photograph);
             let mut entry = json!({
                 "file_path": name.to_string_lossy().replace('\\', "/"),

@@ -13,7 +13,6 @@
 //! is as small as seven times the number of photographs.
 
 mod triangulation;
-mod windows;
 
 use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, is_flat, shared_error_factor};
 use crate::statistics::robust_deviation;
@@ -254,9 +253,7 @@ impl Cameras {
                 let (pose, before) = (&self.poses[v], &given.poses[v]);
                 let turn = (pose.rotation * before.rotation.inverse()).scaled_axis();
                 let moved = (centre(pose) - centre(before)) / given.centre_sigma;
-                let residual = Vector6::from_iterator(
-                    moved.iter().copied().chain((turn / given.rotation_sigma).iter().copied()),
-                );
+                let residual = twist(&moved, &(turn / given.rotation_sigma));
                 let mut slope = Matrix6::zeros();
                 let back = pose.rotation.inverse().to_rotation_matrix().into_inner();
                 let turning = inverse_left_jacobian(&turn) / given.rotation_sigma;
@@ -284,10 +281,8 @@ impl Bundle {
         for (anchor, sigma) in prior_sigmas.iter_mut().enumerate() {
             let deviation = |track: &Observed| {
                 let deviation = -track.inverse_depth.ln() - track.prior? - log_scales[anchor];
-                let baseline = |(view, _): &(usize, Point2<f64>)| {
-                    (poses[*view] * poses[anchor].inverse()).translation.vector.norm()
-                };
-                let longest = track.views.iter().map(baseline).fold(0.0, f64::max);
+                let moved = |v: usize| (poses[v] * poses[anchor].inverse()).translation.vector;
+                let longest = track.views.iter().map(|(v, _)| moved(*v).norm()).fold(0.0, f64::max);
                 Some((longest * track.inverse_depth, deviation))
             };
             let own = || self.tracks.iter().filter(|track| track.anchor == anchor);
@@ -353,9 +348,8 @@ impl Bundle {
                 let Some(linear) = cameras.linear(track, *view, pixel) else { continue };
                 let weight = huber(linear.residual.norm_squared()).1 / (noise * noise);
                 columns.clear();
-                for (start, part) in
-                    [(layout.poses[track.anchor], &linear.anchor), (layout.poses[*view], &linear.view)]
-                {
+                let parts = [(track.anchor, &linear.anchor), (*view, &linear.view)];
+                for (start, part) in parts.map(|(v, part)| (layout.poses[v], part)) {
                     let six = start.into_iter().flat_map(|start| start..start + 6);
                     columns.extend(six.zip(part.column_iter().map(|column| column.into_owned())));
                 }
@@ -453,10 +447,8 @@ impl Bundle {
     /// Brings all to the unit in which the reference's prior is right on the whole.
     pub(super) fn rescale_to_prior(&mut self) {
         let anchored = self.tracks.iter().filter(|track| track.anchor == 0);
-        let Some(log) = median(anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)))
-        else {
-            return;
-        };
+        let logs = anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?));
+        let Some(log) = median(logs) else { return };
         self.cameras.poses.iter_mut().for_each(|pose| pose.translation.vector *= (-log).exp());
         self.tracks.iter_mut().for_each(|track| track.inverse_depth *= log.exp());
         self.cameras.log_scales.iter_mut().skip(1).for_each(|scale| *scale -= log);
@@ -510,14 +502,11 @@ impl Normal {
     fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<f64>)> {
         let (matrix, vector) = self.reduced(damping);
         let common = -matrix.cholesky()?.solve(&vector);
-        let depths: Vec<f64> = self
-            .depths
-            .iter()
-            .map(|DepthRow { shared, curvature, slope }| {
-                let rest: f64 = shared.iter().map(|&(i, a)| a * common[i]).sum();
-                -(slope + rest) * inverse(*curvature, damping)
-            })
-            .collect();
+        let depth = |DepthRow { shared, curvature, slope }: &DepthRow| {
+            let rest: f64 = shared.iter().map(|&(i, a)| a * common[i]).sum();
+            -(slope + rest) * inverse(*curvature, damping)
+        };
+        let depths: Vec<f64> = self.depths.iter().map(depth).collect();
         let finite = common.iter().chain(&depths).all(|x| x.is_finite());
         finite.then_some((common, depths))
     }
@@ -526,6 +515,12 @@ impl Normal {
 /// One over a damped curvature; 0 where there is none, so that the depth stays.
 fn inverse(curvature: f64, damping: f64) -> f64 {
     if curvature > 0.0 { (curvature * (1.0 + damping)).recip() } else { 0.0 }
+}
+
+/// A twist of its two parts.
+pub(super) fn twist(translation: &Vector3<f64>, rotation: &Vector3<f64>) -> Vector6<f64> {
+    let (t, r) = (translation, rotation);
+    Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
 }
 
 /// The rigid motion of a twist: translation first, rotation vector second, each applied on its own.
@@ -539,10 +534,8 @@ pub(super) fn exp(delta: &Vector6<f64>) -> Pose {
 /// \\( J_l^{-1}(\phi) = I - \frac12 [\phi]_\times + c [\phi]_\times^2 \\): how a rotation vector changes as its rotation is
 /// turned from the left.
 fn inverse_left_jacobian(turn: &Vector3<f64>) -> Matrix3<f64> {
-    let angle = turn.norm();
-    let cross = turn.cross_matrix();
-    let factor =
-        if angle < 1e-4 { 1.0 / 12.0 } else { (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle) };
+    let (half, cross) = (0.5 * turn.norm(), turn.cross_matrix());
+    let factor = if half < 5e-5 { 1.0 / 12.0 } else { (1.0 - half / half.tan()) / (4.0 * half * half) };
     Matrix3::identity() - cross * 0.5 + cross * cross * factor
 }
 

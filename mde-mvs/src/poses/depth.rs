@@ -1,5 +1,6 @@
 //! What uncertain poses do to depth.
 
+use super::bundle::twist;
 use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
 use ndarray::{Array2, ArrayView2};
@@ -34,8 +35,8 @@ pub fn depth_variance(
             return 0.0;
         }
         let point = reference.camera.ray(Point2::new(x as f64, y as f64)) * z;
-        let seen: Vec<_> =
-            others.iter().zip(&motions).map(|(view, motion)| derivative(view, motion, &point)).collect();
+        let pairs = others.iter().zip(&motions);
+        let seen: Vec<_> = pairs.map(|(view, motion)| derivative(view, motion, &point)).collect();
         let information: f64 = seen.iter().flatten().map(|(slope, _)| slope).sum();
         if information <= 0.0 {
             return 0.0;
@@ -73,9 +74,7 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
     let slope = RowVector2::new(across.dot(&turned), down.dot(&turned));
     let translation = slope.x * across + slope.y * down;
     // (omega x p) . a = omega . (p x a).
-    let rotation = there.cross(&translation);
-    let row =
-        RowVector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z);
+    let row = twist(&translation, &there.cross(&translation)).transpose();
     Some((slope.norm_squared(), row))
 }
 
@@ -99,16 +98,12 @@ pub fn relative_covariance(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::poses::bundle::exp;
     use crate::synthetic::{Plane, pose_at, scene};
-    use nalgebra::{UnitQuaternion, Vector6};
+    use nalgebra::Vector6;
     use proptest::prelude::*;
 
     const CENTRES: [[f64; 3]; 3] = [[0.0; 3], [0.3, 0.05, 0.0], [-0.1, 0.25, 0.1]];
-
-    fn perturbed(pose: &Pose, by: &Vector6<f64>) -> Pose {
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(by[3], by[4], by[5]));
-        Pose::from_parts(Vector3::new(by[0], by[1], by[2]).into(), turn) * pose
-    }
 
     /// Log depth of least squares of the pixels that the true poses give, under perturbed poses.
     fn moved(views: &[PosedView], by: &[Vector6<f64>], z: f64, (y, x): (usize, usize)) -> f64 {
@@ -116,15 +111,10 @@ mod tests {
         let project = |view: &PosedView, pose: &Pose, log: f64| {
             view.camera.project(&(pose * Point3::from(ray * log.exp()))).unwrap()
         };
-        let cost = |log: f64| -> f64 {
-            let pairs = views[1..].iter().zip(by);
-            pairs
-                .map(|(view, by)| {
-                    let now = project(view, &perturbed(&view.pose, by), log);
-                    (project(view, &view.pose, z.ln()) - now).norm_squared()
-                })
-                .sum()
+        let of_view = |(view, by): (&PosedView, &Vector6<f64>), log: f64| {
+            (project(view, &view.pose, z.ln()) - project(view, &(exp(by) * view.pose), log)).norm_squared()
         };
+        let cost = |log: f64| -> f64 { views[1..].iter().zip(by).map(|pair| of_view(pair, log)).sum() };
         // The cost is a parabola about its least, near log z.
         let (h, at) = (1e-3, z.ln());
         let (a, b, c) = (cost(at - h), cost(at), cost(at + h));
@@ -141,7 +131,8 @@ mod tests {
             let plane = [Plane::slanted(2.0, 0.3, 0.1)];
             let (views, depths) = scene(&plane, (72, 96), &CENTRES);
             let step = 1e-5;
-            let mut by = [Vector6::zeros(), Vector6::zeros()];
+            let still = [Vector6::zeros(); 2];
+            let mut by = still;
             by[which - 1][axis] = step;
             // Without the common scale, as there.
             let lengths: f64 = views[1..].iter().map(|view| view.pose.translation.vector.norm_squared()).sum();
@@ -156,7 +147,6 @@ mod tests {
             covariances[which] = Some(covariance);
             let found = depth_variance(&views, &covariances, depths[0].view())[(y, x)];
             let z = f64::from(depths[0][(y, x)]);
-            let still = [Vector6::zeros(), Vector6::zeros()];
             let expected = (moved(&views, &by, z, (y, x)) - moved(&views, &still, z, (y, x))).abs();
             let seen = |view: &PosedView| {
                 let point = views[0].camera.ray(Point2::new(x as f64, y as f64)) * z;
@@ -173,8 +163,7 @@ mod tests {
     fn the_common_length_of_translations_is_no_variance_of_depth() {
         let plane = [Plane::slanted(2.0, 0.3, 0.1)];
         let (views, depths) = scene(&plane, (48, 64), &CENTRES[..2]);
-        let along = views[1].pose.translation.vector * 0.1;
-        let direction = Vector6::new(along.x, along.y, along.z, 0.0, 0.0, 0.0);
+        let direction = twist(&(views[1].pose.translation.vector * 0.1), &Vector3::zeros());
         let covariances = [None, Some(direction * direction.transpose())];
         let found = depth_variance(&views, &covariances, depths[0].view());
         assert!(found.iter().all(|v| *v < 1e-12), "{found}");
@@ -202,19 +191,16 @@ mod tests {
     /// Two photographs that move together do not move against each other.
     #[test]
     fn a_relative_covariance_has_both_poses() {
-        let (first, second) =
-            (pose_at([0.1, 0.0, 0.0], [0.1, 0.2, 0.0]), pose_at([0.3, 0.1, 0.2], [0.0, -0.1, 0.3]));
+        let first = pose_at([0.1, 0.0, 0.0], [0.1, 0.2, 0.0]);
+        let second = pose_at([0.3, 0.1, 0.2], [0.0, -0.1, 0.3]);
         let motion = second * first.inverse();
         let by = Vector6::new(0.3, -0.2, 0.1, 0.2, 0.4, -0.3) * 1e-6;
-        let moved = second * perturbed(&first, &by).inverse();
+        let moved = second * (exp(&by) * first).inverse();
         let found = relative_covariance(&motion, &Matrix6::zeros(), Some(&(by * by.transpose())));
         let difference = moved * motion.inverse();
-        let axis = difference.rotation.scaled_axis();
-        let expected = [difference.translation.vector, axis].map(|v| v.map(|x| x * x));
-        for i in 0..3 {
-            assert!((found[(i, i)] - expected[0][i]).abs() < 1e-3 * 1e-12, "{i}");
-            assert!((found[(i + 3, i + 3)] - expected[1][i]).abs() < 1e-3 * 1e-12, "{i}");
-        }
+        let expected = twist(&difference.translation.vector, &difference.rotation.scaled_axis());
+        let off = found.diagonal() - expected.component_mul(&expected);
+        assert!(off.amax() < 1e-3 * 1e-12, "{off}");
         assert_eq!(relative_covariance(&motion, &Matrix6::identity(), None), Matrix6::identity());
     }
 }

@@ -163,10 +163,8 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
         bundle.drop_outliers(OUTLIER_PIXELS);
         let counts = bundle.counts();
         // The weakest goes first: without it, others may fit better.
-        let weakest = (1..shots.len())
-            .filter(|&v| tree.poses[v].is_some() && counts[v] < MIN_MATCHES)
-            .min_by_key(|&v| counts[v]);
-        if let Some(v) = weakest {
+        let weak = |&v: &usize| tree.poses[v].is_some() && counts[v] < MIN_MATCHES;
+        if let Some(v) = (1..shots.len()).filter(weak).min_by_key(|&v| counts[v]) {
             dropped[v] = true;
             continue;
         }
@@ -235,10 +233,8 @@ impl Tree {
                 ways.into_iter().find(|&[from, to]| is_posed(from) && !is_posed(to) && !dropped[to])
             };
             let joining = pairs.iter().rev().filter_map(|pair| Some((pair, pair.motion?, ends(pair)?)));
-            let Some((pair, motion, [from, to])) = joining.max_by_key(|(pair, ..)| pair.agreeing.len())
-            else {
-                break;
-            };
+            let strongest = joining.max_by_key(|(pair, ..)| pair.agreeing.len());
+            let Some((pair, motion, [from, to])) = strongest else { break };
             let mut motion = if from == pair.first { motion } else { motion.reversed() };
             // The pair's unit over that of the tree.
             let unit = tree.log_scales[from] - motion.log_scales[0];
@@ -252,17 +248,15 @@ impl Tree {
 }
 
 fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
-    let used: Vec<&Pair> = pairs
-        .iter()
-        .filter(|p| p.motion.is_some() && tree.poses[p.first].is_some() && tree.poses[p.second].is_some())
-        .collect();
+    let posed = |v: usize| tree.poses[v].is_some();
+    let joined = |pair: &&Pair| pair.motion.is_some() && posed(pair.first) && posed(pair.second);
+    let used: Vec<&Pair> = pairs.iter().filter(joined).collect();
     let mut tracks = tracks::join(shots, &used, &tree.rank);
     let of_features = |shot: &FeatureImage| -> Vec<f64> {
         shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel)).collect()
     };
     let known: Vec<Vec<f64>> = shots.iter().map(of_features).collect();
-    let middles: Vec<f64> =
-        known.iter().map(|depths| median(depths.iter().copied()).unwrap_or(0.0)).collect();
+    let middles: Vec<f64> = known.iter().map(|logs| median(logs.iter().copied()).unwrap_or(0.0)).collect();
     for track in &mut tracks {
         track.prior = shots[track.anchor].log_prior(&track.pixel);
         let log_depth = track.prior.unwrap_or(middles[track.anchor]) + tree.log_scales[track.anchor];

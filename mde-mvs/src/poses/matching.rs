@@ -71,14 +71,11 @@ pub(super) fn match_features(first: &Features, second: &Features) -> Vec<[usize;
         nearest_first.iter_mut().zip(down).for_each(|(all, part)| all.merge(part));
     }
     let nearest_second = blocks.iter().flat_map(|(across, _)| across);
-    nearest_second
-        .enumerate()
-        .filter(|(i, there)| {
-            let back = nearest_first.get(there.index).filter(|back| back.index == *i);
-            there.distinct() && back.is_some_and(Nearest::distinct)
-        })
-        .map(|(i, there)| [i, there.index])
-        .collect()
+    let mutual = |(i, there): (usize, &Nearest)| {
+        let back = nearest_first.get(there.index).filter(|back| back.index == i)?;
+        (there.distinct() && back.distinct()).then_some([i, there.index])
+    };
+    nearest_second.enumerate().filter_map(mutual).collect()
 }
 
 #[cfg(test)]
@@ -107,14 +104,12 @@ mod tests {
     /// Blocks merge to what one pass over all rows gives.
     #[test]
     fn many_blocks_are_as_one() {
-        let row =
-            |i: usize| [(i as f32 * 0.37).sin(), (i as f32 * 0.11).cos(), (i as f32 * 0.71).sin() + 0.3];
-        let first = features(&(0..700).map(row).collect::<Vec<_>>());
-        let second = features(&(0..300).map(|i| row(2 * i + 1)).collect::<Vec<_>>());
+        let row = |i: f32| [(i * 0.37).sin(), (i * 0.11).cos(), (i * 0.71).sin() + 0.3];
+        let first = features(&(0..700).map(|i| row(i as f32)).collect::<Vec<_>>());
+        let second = features(&(0..300).map(|i| row((2 * i + 1) as f32)).collect::<Vec<_>>());
         let matches = match_features(&first, &second);
         for &[a, b] in &matches {
-            let distance =
-                |i: usize, j: usize| 2.0 - 2.0 * first.descriptors.row(i).dot(&second.descriptors.row(j));
+            let distance = |i, j| 2.0 - 2.0 * first.descriptors.row(i).dot(&second.descriptors.row(j));
             let here = distance(a, b);
             assert!((0..700).all(|i| distance(i, b) >= here - 1e-6));
             assert!((0..300).all(|j| distance(a, j) >= here - 1e-6));

@@ -27,8 +27,8 @@ pub fn nearest(poses: &[Pose], photograph: usize) -> Vec<usize> {
     let axis = |pose: &Pose| pose.inverse().rotation * Vector3::z();
     let (here, own) = (centre(&poses[photograph]), axis(&poses[photograph]));
     let distance = |other: usize| (centre(&poses[other]) - here).norm();
-    let mut others: Vec<(f64, usize)> =
-        (0..poses.len()).filter(|&i| i != photograph).map(|i| (distance(i), i)).collect();
+    let others = (0..poses.len()).filter(|&other| other != photograph);
+    let mut others: Vec<(f64, usize)> = others.map(|other| (distance(other), other)).collect();
     others.sort_by(|a, b| a.0.total_cmp(&b.0));
     let looks_there = |&&(_, i): &&(f64, usize)| axis(&poses[i]).dot(&own) >= MOST_TURNED.to_radians().cos();
     let same: Vec<usize> = others.iter().filter(looks_there).map(|(_, i)| *i).collect();
@@ -61,10 +61,8 @@ pub(super) fn likely(features: &[&Features]) -> Vec<[usize; 2]> {
         return all(count);
     }
     let coarsest: Vec<Features> = features.par_iter().map(|features| features.coarsest(PREVIEW)).collect();
-    let matches: BTreeMap<[usize; 2], usize> = all(count)
-        .into_par_iter()
-        .map(|[i, j]| ([i, j], match_features(&coarsest[i], &coarsest[j]).len()))
-        .collect();
+    let matches = |pair @ [i, j]: [usize; 2]| (pair, match_features(&coarsest[i], &coarsest[j]).len());
+    let matches: BTreeMap<[usize; 2], usize> = all(count).into_par_iter().map(matches).collect();
     let mut pairs = BTreeSet::new();
     for photograph in 0..count {
         let mut others: Vec<usize> = (0..count).filter(|&other| other != photograph).collect();
@@ -97,7 +95,7 @@ pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::poses::features::{DESCRIPTOR_LENGTH, Keypoint};
+    use crate::poses::features::Keypoint;
     use crate::synthetic::pose_at;
     use mde_uncertainty::random::CounterRng;
     use nalgebra::Point2;
@@ -107,24 +105,16 @@ mod tests {
 
     /// A photograph that shows some of so many points, each with a descriptor of its own; half of its features are of nothing else.
     fn photograph(points: std::ops::Range<usize>, own: usize) -> Features {
-        let descriptor = |seed: usize| {
+        let descriptor = |&seed: &usize| {
             let mut draw = CounterRng::new(0, "descriptor", 0, seed as u64);
-            let values: Vec<f32> = (0..DESCRIPTOR_LENGTH).map(|_| draw.random()).collect();
+            let values = [(); 128].map(|()| draw.random::<f32>());
             let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
-            values.into_iter().map(move |value| value / norm)
+            values.map(|value| value / norm)
         };
         let seeds: Vec<usize> = points.clone().chain(points.map(|i| 100_000 + 1000 * own + i)).collect();
-        let keypoint = |scale: usize| Keypoint {
-            pixel: Point2::origin(),
-            scale: scale as f64,
-            angle: 0.0,
-            response: 1.0,
-        };
-        let descriptors = Array2::from_shape_vec(
-            (seeds.len(), DESCRIPTOR_LENGTH),
-            seeds.iter().flat_map(|&seed| descriptor(seed)).collect(),
-        );
-        Features { keypoints: (0..seeds.len()).map(keypoint).collect(), descriptors: descriptors.unwrap() }
+        let keypoint = |scale| Keypoint { pixel: Point2::origin(), scale, angle: 0.0, response: 1.0 };
+        let keypoints = (0..seeds.len()).map(|scale| keypoint(scale as f64)).collect();
+        Features { keypoints, descriptors: Array2::from(seeds.iter().map(descriptor).collect::<Vec<_>>()) }
     }
 
     /// A ring about a table, its photographs in no order: each is compared with those that show the same, and the pairs grow linearly.
@@ -132,8 +122,7 @@ mod tests {
     fn photographs_without_poses_are_compared_with_those_that_show_the_same() {
         let count = 40;
         let place = |i: usize| i * 17 % count;
-        let ring: Vec<Features> =
-            (0..count).map(|i| photograph(6 * place(i)..6 * place(i) + 30, i)).collect();
+        let ring: Vec<_> = (0..count).map(|i| photograph(6 * place(i)..6 * place(i) + 30, i)).collect();
         let pairs = likely(&ring.iter().collect::<Vec<_>>());
         assert!(pairs.len() <= (PARTNERS + 2) * count, "{}", pairs.len());
         for i in 0..count {
@@ -149,16 +138,14 @@ mod tests {
         /// is behind it.
         #[test]
         fn pairs_are_near_and_few(count in 13..80_usize) {
-            let poses: Vec<Pose> = (0..count)
-                .map(|i| {
-                    let back = i > 2 * count / 3;
-                    let at = if back { 2 * (2 * count / 3) - i } else { i };
-                    pose_at([0.2 * at as f64, 0.0, 0.0], [0.0, if back { 3.0 } else { 0.0 }, 0.0])
-                })
-                .collect();
+            let turned = |i: usize| i > 2 * count / 3;
+            let pose = |i: usize| {
+                let at = if turned(i) { 2 * (2 * count / 3) - i } else { i };
+                pose_at([0.2 * at as f64, 0.0, 0.0], [0.0, if turned(i) { 3.0 } else { 0.0 }, 0.0])
+            };
+            let poses: Vec<Pose> = (0..count).map(pose).collect();
             let pairs = pairs(&poses);
             prop_assert!(pairs.len() <= 6 * count);
-            let turned = |i: usize| i > 2 * count / 3;
             let across = pairs.iter().filter(|[i, j]| turned(*i) != turned(*j)).count();
             prop_assert_eq!(across, 0);
             let mut all: Vec<usize> = windows(&poses).concat();

@@ -1,5 +1,5 @@
 use super::bundle::{Bundle, Cameras, Given, Lens, Observed};
-use super::estimate::{EstimatedPose, LEAST_NOISE, Verdict};
+use super::estimate::{EstimatedPose, LEAST_NOISE, STEPS, Verdict};
 use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
@@ -10,7 +10,7 @@ use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
-use nalgebra::{Matrix6, Point2, Vector2};
+use nalgebra::{Matrix6, Point2};
 use rand::RngExt;
 use rayon::prelude::*;
 
@@ -20,6 +20,8 @@ const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
 const FOLDS: usize = 5;
 /// Standard errors by which a larger move must fit the withheld tracks better.
 const BEYOND_NOISE: f64 = 2.0;
+/// Rounds over the windows of a long capture.
+const ROUNDS: usize = 2;
 /// Windows of a long capture on which the trust is chosen.
 const TRIALS: usize = 3;
 
@@ -79,10 +81,8 @@ pub fn refine_poses(
     if poses.len() != photographs.len() {
         return Err(Error::config("number of poses", poses.len(), "give one for each photograph"));
     }
-    let finite = |pose: &Pose| {
-        pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())
-    };
-    if !poses.iter().all(finite) {
+    let mut numbers = poses.iter().flat_map(|p| p.translation.vector.iter().chain(p.rotation.coords.iter()));
+    if !numbers.all(|x| x.is_finite()) {
         return Err(Error::View(mde_warp::Error::Pose { which: "given" }));
     }
     let mut given = poses.to_vec();
@@ -95,9 +95,9 @@ pub fn refine_poses(
     };
     let pairs = compared(&neighbours::pairs(&given), compare, callback)?;
 
-    let mut capture =
-        Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts: vec![Verdict::Posed; given.len()] };
-    capture.verdicts[0] = Verdict::Reference;
+    let mut verdicts = vec![Verdict::Posed; given.len()];
+    verdicts[0] = Verdict::Reference;
+    let mut capture = Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts };
     while capture.leave_out(&given, GIVEN_PIXELS) {}
     let mut adjusted = capture.adjusted(seed);
     while capture.leave_out(&adjusted.bundle.cameras.poses, OUTLIER_PIXELS) {
@@ -146,8 +146,8 @@ impl Capture<'_, '_> {
             let share = agreeing as f64 / matches as f64;
             (share < LEAST_AGREEING).then_some((share, Verdict::Contradicted { matches, agreeing }))
         };
-        let doubtful =
-            (0..found.len()).filter(|&v| self.verdicts[v].has_pose()).filter_map(|v| Some((v, of(v)?)));
+        let posed = (0..found.len()).filter(|&v| self.verdicts[v].has_pose());
+        let doubtful = posed.filter_map(|v| Some((v, of(v)?)));
         let Some((v, (_, verdict))) = doubtful.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else { return false };
         self.verdicts[v] = verdict;
         true
@@ -157,14 +157,13 @@ impl Capture<'_, '_> {
     fn agreement(&self, cameras: &Cameras, cut: f64) -> Vec<[usize; 2]> {
         let kept = self.kept_pairs();
         let fitting = |pair: &&Pair| {
+            let Pair { first: anchor, second, .. } = **pair;
             let fits = |[a, b]: &&[usize; 2]| {
-                let [pixel, there] =
-                    [(pair.first, *a), (pair.second, *b)].map(|(v, i)| self.shots[v].pixel(i));
-                let views = vec![(pair.second, there)];
-                let mut track =
-                    Observed { anchor: pair.first, pixel, inverse_depth: 0.0, prior: None, views };
+                let (pixel, there) = (self.shots[anchor].pixel(*a), self.shots[second].pixel(*b));
+                let views = vec![(second, there)];
+                let mut track = Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views };
                 cameras.triangulate(&mut track);
-                cameras.residual(&track, pair.second, &there).is_some_and(|r| r.norm() <= cut)
+                cameras.residual(&track, second, &there).is_some_and(|r| r.norm() <= cut)
             };
             pair.agreeing.iter().filter(fits).count()
         };
@@ -207,8 +206,8 @@ impl Capture<'_, '_> {
             centre_sigma: CENTRE_SIGMA * depth,
         });
         let windows = neighbours::windows(self.poses);
-        let on_trial: Vec<Vec<usize>> =
-            windows.iter().step_by(windows.len().div_ceil(TRIALS)).cloned().collect();
+        let apart = windows.len().div_ceil(TRIALS);
+        let on_trial: Vec<Vec<usize>> = windows.iter().step_by(apart).cloned().collect();
         let (judge, _) = bundle.window(&on_trial.concat());
         let draw = |track: usize| CounterRng::new(seed, "withheld", 0, track as u64).random_range(0..FOLDS);
         let drawn: Vec<usize> = (0..judge.tracks.len()).map(draw).collect();
@@ -242,15 +241,14 @@ impl Capture<'_, '_> {
                     judged.cameras.poses = refined(share, part(fold, false), &on_trial).cameras.poses;
                 }
                 judged.triangulate();
-                let distance =
-                    |r: Option<Vector2<f64>>| r.map_or(OUTLIER_PIXELS, |r| r.norm().min(OUTLIER_PIXELS));
-                judged.residuals().map(distance).collect()
+                let residuals = judged.residuals();
+                residuals.map(|r| r.map_or(OUTLIER_PIXELS, |r| r.norm().min(OUTLIER_PIXELS))).collect()
             })
             .collect();
         let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
         let chosen = least_moved(&errors);
-        let withheld =
-            chosen.map(|chosen| [0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
+        let middle = |i: usize| median(errors[i].iter().copied()).unwrap_or(0.0);
+        let withheld = chosen.map(|chosen| [0, chosen].map(middle));
         let share = chosen.and_then(|chosen| chosen.checked_sub(1)).and_then(|i| TRUST.get(i));
         let bundle = match share {
             Some(share) => refined(*share, bundle, &windows),
@@ -260,10 +258,46 @@ impl Capture<'_, '_> {
                 bundle
             }
         };
-        let noise =
-            shared_error_factor(bundle.tracks.len() / windows.len()) * bundle.noise().max(LEAST_NOISE);
+        let shared = shared_error_factor(bundle.tracks.len() / windows.len());
+        let noise = shared * bundle.noise().max(LEAST_NOISE);
         let covariances = bundle.covariances_of_windows(&windows, noise);
         Adjusted { bundle, covariances, accepted: share.is_some(), withheld }
+    }
+}
+
+impl Bundle {
+    /// [`adjust`](Self::adjust) of each window's poses in turn, on the tracks that its photographs are part of, with the others
+    /// kept. One window is all photographs.
+    fn adjust_windows(&mut self, windows: &[Vec<usize>]) {
+        let rounds = if windows.len() > 1 { ROUNDS } else { 1 };
+        for window in std::iter::repeat_n(windows, rounds).flatten() {
+            let (mut part, own) = self.window(window);
+            part.adjust(STEPS);
+            self.cameras.poses = part.cameras.poses;
+            own.into_iter().zip(part.tracks).for_each(|(i, track)| self.tracks[i] = track);
+        }
+    }
+
+    /// The bundle of a window, and the indices of its tracks.
+    fn window(&self, window: &[usize]) -> (Self, Vec<usize>) {
+        let shows = |track: &Observed| {
+            window.contains(&track.anchor) || track.views.iter().any(|(v, _)| window.contains(v))
+        };
+        let own: Vec<usize> = (0..self.tracks.len()).filter(|&i| shows(&self.tracks[i])).collect();
+        let tracks = own.iter().map(|&i| self.tracks[i].clone()).collect();
+        let mut cameras = self.cameras.clone();
+        cameras.fixed.iter_mut().enumerate().for_each(|(v, fixed)| *fixed |= !window.contains(&v));
+        (Self { cameras, tracks }, own)
+    }
+
+    /// [`covariances`](Self::covariances) of each window with the other poses kept.
+    fn covariances_of_windows(&self, windows: &[Vec<usize>], noise: f64) -> Vec<Option<Matrix6<f64>>> {
+        let mut all = vec![None; self.cameras.poses.len()];
+        for window in windows {
+            let found = self.window(window).0.covariances(noise);
+            window.iter().for_each(|&v| all[v] = found[v]);
+        }
+        all
     }
 }
 
@@ -288,9 +322,8 @@ mod tests {
 
     #[test]
     fn poses_move_no_further_than_matches_ask_for() {
-        let noisy =
-            |level: f64| (0..200).map(|i| level + 0.1 * ((i * 37 % 11) as f64 - 5.0)).collect::<Vec<_>>();
-        let (far, near, nearer) = (noisy(2.0), noisy(1.0), noisy(0.999));
+        let noisy = |level: f64| (0..200).map(|i| level + 0.1 * f64::from(i * 37 % 11 - 5)).collect();
+        let [far, near, nearer]: [Vec<f64>; 3] = [2.0, 1.0, 0.999].map(noisy);
         // Alike within the error of the mean: the smaller move.
         let mut shuffled = near.clone();
         shuffled.rotate_left(3);

@@ -178,10 +178,8 @@ fn threads_and_the_place_of_the_reference_change_nothing() {
 #[test]
 fn a_constant_prior_is_enough_where_there_is_parallax() {
     let flat = Array2::from_elem((240, 320), 1.0_f32);
-    let views: Vec<PoseInput> = photographs(standard())
-        .into_iter()
-        .map(|photograph| PoseInput { prior: Some(flat.view()), ..photograph })
-        .collect();
+    let mut views = photographs(standard());
+    views.iter_mut().for_each(|photograph| photograph.prior = Some(flat.view()));
     let found = estimate(&views, 0);
     let ratios = ratios(&found.depths);
     let unit = median(ratios.iter().copied()).unwrap();
@@ -202,8 +200,8 @@ fn what_does_not_fit_is_named() {
     poses.push(pose_at([0.0, 0.0, 0.0], [0.03, -0.05, 0.0]));
     poses.extend([Pose::identity(), Pose::identity()]);
     let mut scene = scene(&poses);
-    scene[3].0 =
-        render(&[Plane::slanted(53.0, 0.2, -0.3)], camera(), pose_at([0.0, 0.0, 50.0], [0.0; 3]), PERIOD).0;
+    let elsewhere = [Plane::slanted(53.0, 0.2, -0.3)];
+    scene[3].0 = render(&elsewhere, camera(), pose_at([0.0, 0.0, 50.0], [0.0; 3]), PERIOD).0;
     scene[4].0.image = Array3::from_elem((240, 320, 3), 0.4).into_shared();
     let found = estimate(&photographs(&scene), 0);
     let verdict = |i: usize| found.photographs[i].verdict;
@@ -226,14 +224,11 @@ fn a_photograph_is_attached_through_another() {
     let poses = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]].map(|at| pose_at(at, [0.0; 3]));
     // At that depth a photograph shows 2.5 of the wall.
     let wall = [Plane::slanted(2.2, 0.05, 0.1)];
-    let scene: Vec<(PosedView, Array2<f32>)> = poses
-        .iter()
-        .enumerate()
-        .map(|(i, pose)| {
-            let (view, depth) = render(&wall, camera(), *pose, PERIOD);
-            (view, depth * (1.0 + 0.3 * i as f32))
-        })
-        .collect();
+    let shown = |i: usize| {
+        let (view, depth) = render(&wall, camera(), poses[i], PERIOD);
+        (view, depth * (1.0 + 0.3 * i as f32))
+    };
+    let scene = [0, 1, 2, 3].map(shown);
     let found = estimate(&photographs(&scene), 0);
     let last = &found.photographs[3];
     assert_eq!(last.verdict, Verdict::Posed);
@@ -300,23 +295,17 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
 /// baseline is three times the depth.
 #[test]
 fn a_walk_longer_than_its_depth_keeps_every_photograph() {
-    let walk: Vec<Pose> = (0..16)
-        .map(|i| {
-            pose_at([0.5 * f64::from(i), 0.04 * f64::from(i % 3), 0.0], [0.0, 0.02 * f64::from(i % 4), 0.0])
-        })
-        .collect();
+    let place = |i: i32| [0.5 * f64::from(i), 0.04 * f64::from(i % 3), 0.0];
+    let walk: Vec<Pose> = (0..16).map(|i| pose_at(place(i), [0.0, 0.02 * f64::from(i % 4), 0.0])).collect();
     let wall = [Plane::slanted(2.4, 0.02, 0.1)];
-    let views: Vec<PosedView> = walk.iter().map(|pose| render(&wall, camera(), *pose, PERIOD).0).collect();
-    let input = |view| PoseInput { image: view, camera: camera(), focal_assumed: false, prior: None };
-    let given: Vec<PoseInput> = views.iter().map(|view| input(view.image.view())).collect();
-    let off: Vec<Pose> = walk
-        .iter()
-        .enumerate()
-        .map(|(i, pose)| {
-            let turn = 0.2_f64.to_radians() * if i % 2 == 0 { 1.0 } else { -1.0 };
-            if i == 7 { *pose } else { pose_at([0.0; 3], [turn, 0.0, turn]) * *pose }
-        })
-        .collect();
+    let scene: Vec<_> = walk.iter().map(|pose| render(&wall, camera(), *pose, PERIOD)).collect();
+    let mut given = photographs(&scene);
+    given.iter_mut().for_each(|photograph| photograph.prior = None);
+    let mut off = walk.clone();
+    for (i, pose) in off.iter_mut().enumerate().filter(|(i, _)| *i != 7) {
+        let turn = 0.2_f64.to_radians() * if i % 2 == 0 { 1.0 } else { -1.0 };
+        *pose = pose_at([0.0; 3], [turn, 0.0, turn]) * *pose;
+    }
     let refined = refine(&given, &off, 7);
     for (i, found) in refined.photographs.iter().enumerate() {
         assert!(found.verdict.has_pose() && found.matches > 100, "{found:?}");

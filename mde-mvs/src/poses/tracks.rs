@@ -39,10 +39,7 @@ pub(super) fn join(shots: &[FeatureImage], pairs: &[&Pair], rank: &[usize]) -> V
 /// Nothing for a single shot or one with two places.
 fn track(mut views: Vec<(usize, Point2<f64>)>, rank: &[usize]) -> Option<Observed> {
     views.sort_by_key(|(shot, _)| rank[*shot]);
-    let apart = |pair: &[(usize, Point2<f64>)]| {
-        pair[0].0 == pair[1].0 && (pair[0].1 - pair[1].1).norm() > SAME_PIXELS
-    };
-    if views.windows(2).any(apart) {
+    if views.array_windows().any(|[a, b]| a.0 == b.0 && (a.1 - b.1).norm() > SAME_PIXELS) {
         return None;
     }
     views.dedup_by_key(|(shot, _)| *shot);

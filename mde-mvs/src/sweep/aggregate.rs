@@ -138,21 +138,22 @@ fn across_rows(
     let mut after = before.clone();
     let (mut low_before, mut low_after) = (vec![0_u16; width * d], vec![0_u16; width * d]);
     let columns = width.div_ceil(2 * rayon::current_num_threads()).max(16);
+    let mut luma_before = None;
     let arch = Arch::new();
     for i in 0..height {
         let y = if upwards { height - 1 - i } else { i };
-        let from = if upwards { y + 1 } else { y.wrapping_sub(1) };
-        let costs = &volume.costs[y * width * k..(y + 1) * width * k];
-        let row = Row { k, width, y, from, first: i == 0, luma, costs };
-        let path = Path { before: &before, lowest: &low_before, zero: &zero };
+        let part = y * width..(y + 1) * width;
+        let (own, costs) = (&luma[part.clone()], &volume.costs[part.start * k..part.end * k]);
+        let row = Row { k, luma: own, luma_before, costs, before: &before, lowest: &low_before, zero: &zero };
+        luma_before = Some(own);
         after
             .par_chunks_mut(columns * d * slot)
             .zip(low_after.par_chunks_mut(columns * d))
-            .zip(sums[y * width * k..(y + 1) * width * k].par_chunks_mut(columns * k))
+            .zip(sums[part.start * k..part.end * k].par_chunks_mut(columns * k))
             .enumerate()
             .for_each(|(chunk, ((after, lowest), sums))| {
                 let start = chunk * columns;
-                arch.dispatch(PartOfRow { row: &row, path: &path, penalties, start, after, lowest, sums });
+                arch.dispatch(PartOfRow { row: &row, penalties, start, after, lowest, sums });
             });
         std::mem::swap(&mut before, &mut after);
         std::mem::swap(&mut low_before, &mut low_after);
@@ -162,18 +163,11 @@ fn across_rows(
 /// One row of the image on the way down or up.
 struct Row<'a> {
     k: usize,
-    width: usize,
-    y: usize,
-    /// The row before.
-    from: usize,
-    /// Whether there is none before.
-    first: bool,
     luma: &'a [f32],
     costs: &'a [u8],
-}
-
-/// Path costs of the row before, `[column][direction]`, with their lowest.
-struct Path<'a> {
+    /// Luma of the row before, where there is one.
+    luma_before: Option<&'a [f32]>,
+    /// Path costs of the row before, `[column][direction]`, their lowest, and those before the first pixel of a path.
     before: &'a [u16],
     lowest: &'a [u16],
     zero: &'a [u16],
@@ -182,7 +176,6 @@ struct Path<'a> {
 /// The columns of a row from `start` on.
 struct PartOfRow<'a> {
     row: &'a Row<'a>,
-    path: &'a Path<'a>,
     penalties: &'a Penalties,
     start: usize,
     after: &'a mut [u16],
@@ -195,20 +188,21 @@ impl WithSimd for PartOfRow<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { row, path, penalties, start, after, lowest, sums } = self;
-        let (k, d, width) = (row.k, SHIFTS.len(), row.width);
+        let Self { row, penalties, start, after, lowest, sums } = self;
+        let (k, d) = (row.k, SHIFTS.len());
         let slot = k + 2;
         for (c, sums) in sums.chunks_exact_mut(k).enumerate() {
             let x = start + c;
             for (j, &shift) in SHIFTS.iter().enumerate() {
-                let there = x.checked_add_signed(shift).filter(|&x| x < width && !row.first);
+                let there = x.checked_add_signed(shift);
+                let there = there.and_then(|x0| Some((x0, *row.luma_before?.get(x0)?)));
                 let (before, low, large) = match there {
-                    Some(x0) => (
-                        &path.before[(x0 * d + j) * slot..(x0 * d + j + 1) * slot],
-                        path.lowest[x0 * d + j],
-                        penalties.between(row.luma[row.y * width + x], row.luma[row.from * width + x0]),
-                    ),
-                    None => (path.zero, 0, penalties.large),
+                    Some((x0, luma)) => {
+                        let path = x0 * d + j;
+                        let large = penalties.between(row.luma[x], luma);
+                        (&row.before[path * slot..(path + 1) * slot], row.lowest[path], large)
+                    }
+                    None => (row.zero, 0, penalties.large),
                 };
                 let costs = &row.costs[x * k..(x + 1) * k];
                 let after = &mut after[(c * d + j) * slot..(c * d + j + 1) * slot];
@@ -228,8 +222,7 @@ mod tests {
 
     /// The module's equations in `f64`, each path cost from the one before it.
     fn reference(costs: &[u8], luma: &[f32], [h, w, k]: [usize; 3], p: &Penalties) -> Vec<f64> {
-        let steps: [(isize, isize); 8] =
-            [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
+        let steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
         let cost = |pixel: usize, s: usize| f64::from(costs[pixel * k + s]);
         let mut sums = vec![0.0; h * w * k];
         for &(dy, dx) in &steps {
@@ -239,10 +232,9 @@ mod tests {
             for y in order(h, dy) {
                 for x in order(w, dx) {
                     let here = y * w + x;
-                    let from = y
-                        .checked_add_signed(-dy)
-                        .filter(|y| *y < h)
-                        .zip(x.checked_add_signed(-dx).filter(|x| *x < w));
+                    let before =
+                        |at: usize, step: isize, n| at.checked_add_signed(-step).filter(|at| *at < n);
+                    let from = before(y, dy, h).zip(before(x, dx, w));
                     paths[here] = match from {
                         None => (0..k).map(|s| cost(here, s)).collect(),
                         Some((y0, x0)) => {
@@ -252,21 +244,16 @@ mod tests {
                             let large = (f64::from(p.large) / (1.0 + apart / f64::from(p.edge))).floor();
                             let large = large.max(f64::from(p.small) + 1.0);
                             let reached = |s: usize| {
-                                let beside = [s.checked_sub(1), Some(s + 1)]
-                                    .into_iter()
-                                    .flatten()
-                                    .filter_map(|i| before.get(i));
                                 let beside =
-                                    beside.copied().fold(f64::INFINITY, f64::min) + f64::from(p.small);
-                                before[s].min(beside).min(least + large)
+                                    [s.wrapping_sub(1), s + 1].into_iter().filter_map(|i| before.get(i));
+                                let beside = beside.copied().fold(f64::INFINITY, f64::min);
+                                before[s].min(beside + f64::from(p.small)).min(least + large)
                             };
                             (0..k).map(|s| cost(here, s) + reached(s) - least).collect()
                         }
                     };
-                    sums[here * k..(here + 1) * k]
-                        .iter_mut()
-                        .zip(&paths[here])
-                        .for_each(|(sum, path)| *sum += path);
+                    let sums = sums[here * k..].iter_mut();
+                    sums.zip(&paths[here]).for_each(|(sum, path)| *sum += path);
                 }
             }
         }

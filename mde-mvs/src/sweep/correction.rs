@@ -11,10 +11,14 @@
 //! The variance is about the level before: matches of neighbouring pixels share their errors, so that what is left after
 //! the finest level hardly shows them.
 
-use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1, Zip, s};
+use ndarray::{Array2, Zip};
+
+use crate::raster::recursive_filter;
 
 /// Widths of the kernel, as shares of the image's longer side.
 const WIDTHS: [f32; 3] = [0.5, 0.16, 0.05];
+/// Difference of luma, and of log depth, at which a correction stops.
+const EDGE: f32 = 0.1;
 /// Share of the kernel that matches must cover to count as much as the level before.
 const SHRINK: f32 = 0.05;
 /// Passes of the filter per level.
@@ -22,82 +26,26 @@ const PASSES: i32 = 2;
 /// Rounds of reweighting.
 const ROUNDS: usize = 3;
 
-/// Differences of the guide between neighbours, as kernel distance.
-pub(crate) struct Guide {
-    /// Between a pixel and the one to its left.
-    across: Array2<f32>,
-    /// Between a pixel and the one above it.
-    down: Array2<f32>,
+/// Kernel distances of each pixel from the one to its left and from the one above it, in units of [`EDGE`].
+fn distances(luma: &Array2<f32>, log_depth: &Array2<f32>) -> [Array2<f32>; 2] {
+    let apart = |map: &Array2<f32>, a: (usize, usize), b| (map[a] - map[b]).abs() / EDGE;
+    let difference = |a, b| apart(luma, a, b) + apart(log_depth, a, b);
+    // At the left and upper rim a pixel is compared with itself.
+    let across = |(y, x): (usize, usize)| difference((y, x), (y, x.saturating_sub(1)));
+    let down = |(y, x): (usize, usize)| difference((y, x), (y.saturating_sub(1), x));
+    [Array2::from_shape_fn(luma.dim(), across), Array2::from_shape_fn(luma.dim(), down)]
 }
 
-impl Guide {
-    /// From luma and log depth, in units of their own edges.
-    pub(crate) fn new(luma: ArrayView2<'_, f32>, log_depth: ArrayView2<'_, f32>, edges: [f32; 2]) -> Self {
-        let difference = |a: (usize, usize), b: (usize, usize)| {
-            (luma[a] - luma[b]).abs() / edges[0] + (log_depth[a] - log_depth[b]).abs() / edges[1]
-        };
-        let shape = luma.dim();
-        // At the left and upper rim a pixel is compared with itself.
-        let across = Array2::from_shape_fn(shape, |(y, x)| difference((y, x), (y, x.saturating_sub(1))));
-        let down = Array2::from_shape_fn(shape, |(y, x)| difference((y, x), (y.saturating_sub(1), x)));
-        Self { across, down }
-    }
-
-    /// What the recursive filter of `width` pixels keeps of the neighbour, across and down, for each of its passes.
-    fn feedback(&self, width: f32) -> Vec<[Array2<f32>; 2]> {
-        let pass = |pass: i32| {
-            // Widths of the passes whose variances sum to that of the whole.
-            let total = (4_f32.powi(PASSES) - 1.0).sqrt();
-            let sigma = width * 3_f32.sqrt() * 2_f32.powi(PASSES - 1 - pass) / total;
-            let base = -(2_f32.sqrt()) / sigma.max(0.1);
-            [&self.across, &self.down].map(|d| d.mapv(|d| (base * (1.0 + width * d)).exp()))
-        };
-        (0..PASSES).map(pass).collect()
-    }
-}
-
-/// Several maps in one, which a filter treats alike.
-type Maps = Array2<[f32; 4]>;
-
-fn filter(maps: &mut Maps, passes: &[[Array2<f32>; 2]]) {
-    for [across, down] in passes {
-        for (line, a) in maps.outer_iter_mut().zip(across.outer_iter()) {
-            row(line, a);
-        }
-        columns(maps, down);
-    }
-}
-
-#[inline(always)]
-fn towards(from: &[f32; 4], share: f32, here: &mut [f32; 4]) {
-    for (here, from) in here.iter_mut().zip(from) {
-        *here += share * (from - *here);
-    }
-}
-
-fn row(mut line: ArrayViewMut1<'_, [f32; 4]>, feedback: ArrayView1<'_, f32>) {
-    let n = line.len();
-    let mut last = line[0];
-    for x in 1..n {
-        towards(&last, feedback[x], &mut line[x]);
-        last = line[x];
-    }
-    for x in (1..n).rev() {
-        towards(&last, feedback[x], &mut line[x - 1]);
-        last = line[x - 1];
-    }
-}
-
-fn columns(maps: &mut Maps, feedback: &Array2<f32>) {
-    let height = maps.nrows();
-    for y in 1..height {
-        let (above, mut here) = maps.multi_slice_mut((s![y - 1, ..], s![y, ..]));
-        Zip::from(&mut here).and(&above).and(feedback.row(y)).for_each(|h, u, &a| towards(u, a, h));
-    }
-    for y in (1..height).rev() {
-        let (mut above, here) = maps.multi_slice_mut((s![y - 1, ..], s![y, ..]));
-        Zip::from(&mut above).and(&here).and(feedback.row(y)).for_each(|u, h, &a| towards(h, a, u));
-    }
+/// What the recursive filter of `width` pixels keeps of the neighbour, across and down, for each of its passes.
+fn feedback(distances: &[Array2<f32>; 2], width: f32) -> Vec<[Array2<f32>; 2]> {
+    let pass = |pass: i32| {
+        // Widths of the passes whose variances sum to that of the whole.
+        let total = (4_f32.powi(PASSES) - 1.0).sqrt();
+        let sigma = width * 3_f32.sqrt() * 2_f32.powi(PASSES - 1 - pass) / total;
+        let base = -(2_f32.sqrt()) / sigma.max(0.1);
+        distances.each_ref().map(|d| d.mapv(|d| (base * (1.0 + width * d)).exp()))
+    };
+    (0..PASSES).map(pass).collect()
 }
 
 /// The smooth field through residuals, and the variance of residuals about it, `[height, width]`.
@@ -106,18 +54,19 @@ pub(crate) struct Correction {
     pub(crate) variance: Array2<f32>,
 }
 
-/// `spread` is the standard deviation of the residuals before any correction.
+/// Corrections stop at edges of luma and log depth; `spread` is the standard deviation of the residuals before any correction.
 pub(crate) fn correct(
     residual: &Array2<f32>,
     weight: &Array2<f32>,
-    guide: &Guide,
+    [luma, log_depth]: [&Array2<f32>; 2],
     spread: f32,
 ) -> Correction {
     let shape = residual.dim();
     let side = shape.0.max(shape.1) as f32;
+    let distances = distances(luma, log_depth);
     let mut mean: Array2<f32> = Array2::zeros(shape);
     let mut variance: Array2<f32> = Array2::from_elem(shape, spread * spread);
-    let levels = WIDTHS.map(|share| guide.feedback(share * side));
+    let levels = WIDTHS.map(|share| feedback(&distances, share * side));
     for _ in 0..ROUNDS {
         let mut robust = weight.clone();
         Zip::from(&mut robust).and(residual).and(&mean).and(&variance).for_each(|w, &r, &u, &s| {
@@ -130,7 +79,7 @@ pub(crate) fn correct(
                 let left = r - u;
                 [w * left, w * left * left, w, 0.0]
             });
-            filter(&mut maps, passes);
+            passes.iter().for_each(|pass| recursive_filter(&mut maps, pass));
             Zip::from(&mut mean).and(&mut variance).and(&maps).for_each(
                 |u, s, &[product, square, total, _]| {
                     *u += product / (total + SHRINK);
@@ -145,6 +94,7 @@ pub(crate) fn correct(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::s;
 
     /// A step that the guide has too stays a step; a gap without matches is filled from its own side.
     #[test]
@@ -152,12 +102,10 @@ mod tests {
         let shape = (40, 60);
         let luma = Array2::from_shape_fn(shape, |(_, x)| if x < 30 { 0.2 } else { 0.8 });
         let flat = Array2::zeros(shape);
-        let guide = Guide::new(luma.view(), flat.view(), [0.1, 0.1]);
         let truth = luma.mapv(|l| if l < 0.5 { 0.3 } else { -0.1 });
-        let weight = Array2::from_shape_fn(shape, |(y, x)| {
-            if (10..30).contains(&y) && (20..40).contains(&x) { 0.0 } else { 1.0 }
-        });
-        let found = correct(&truth, &weight, &guide, 0.2);
+        let mut weight = Array2::ones(shape);
+        weight.slice_mut(s![10..30, 20..40]).fill(0.0);
+        let found = correct(&truth, &weight, [&luma, &flat], 0.2);
         for ((y, x), u) in found.mean.indexed_iter() {
             assert!((u - truth[(y, x)]).abs() < 0.05, "{y} {x} {u}");
         }
@@ -167,8 +115,7 @@ mod tests {
     #[test]
     fn without_matches_nothing_is_corrected() {
         let flat = Array2::zeros((8, 8));
-        let guide = Guide::new(flat.view(), flat.view(), [0.1, 0.1]);
-        let found = correct(&Array2::from_elem((8, 8), 5.0), &flat, &guide, 0.3);
+        let found = correct(&Array2::from_elem((8, 8), 5.0), &flat, [&flat, &flat], 0.3);
         assert!(found.mean.iter().all(|u| *u == 0.0));
         assert!(found.variance.iter().all(|v| (v - 0.09).abs() < 1e-6));
     }

@@ -171,8 +171,8 @@ pub(crate) struct Setup<'a> {
 impl Volume {
     pub(crate) fn new(setup: &Setup<'_>) -> Self {
         let reference = Reference::new(setup.reference);
-        let sources: Vec<Source> =
-            setup.sources.iter().map(|view| Source::new(setup.reference, view)).collect();
+        let source = |view: &&PosedView| Source::new(setup.reference, view);
+        let sources: Vec<Source> = setup.sources.iter().map(source).collect();
         let (w, h, surfaces) = (reference.width, reference.height, setup.multiples.len());
         let mut costs = vec![0_u8; w * h * surfaces];
         let arch = Arch::new();

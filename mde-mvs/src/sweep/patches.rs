@@ -7,6 +7,7 @@
 use mde_uncertainty::random::CounterRng;
 use mde_warp::PosedView;
 use mde_warp::transfer::PlaneTransfer;
+use nalgebra::{Matrix3, Vector3};
 use ndarray::{Array2, ArrayView2};
 use rand::RngExt;
 use rayon::prelude::*;
@@ -91,25 +92,19 @@ struct Patch {
 
 /// \\( A (u, v, 1)^\top + w t \\), as [`PlaneTransfer`] has it.
 struct Projection {
-    rotation: [[f32; 3]; 3],
-    translation: [f32; 3],
+    rotation: Matrix3<f32>,
+    translation: Vector3<f32>,
 }
 
 impl Projection {
     fn new(from: &PosedView, to: &PosedView) -> Self {
         let PlaneTransfer { rotation, translation, .. } = PlaneTransfer::new(from, to);
-        Self {
-            rotation: std::array::from_fn(|row| std::array::from_fn(|column| rotation[(row, column)] as f32)),
-            translation: std::array::from_fn(|row| translation[row] as f32),
-        }
+        Self { rotation: rotation.cast(), translation: translation.cast() }
     }
 
     /// Homogeneous pixel.
     fn of(&self, [u, v]: [f32; 2], w: f32) -> [f32; 3] {
-        std::array::from_fn(|row| {
-            let [a, b, c] = self.rotation[row];
-            a * u + b * v + c + w * self.translation[row]
-        })
+        (self.rotation * Vector3::new(u, v, 1.0) + self.translation * w).into()
     }
 
     fn pixel(&self, at: [f32; 2], w: f32) -> Option<[f32; 2]> {
@@ -161,7 +156,7 @@ impl<'a> Source<'a> {
         }
         // Derivative of the pixel there by that here, along the plane.
         let turn = |row: usize, axis: usize| {
-            self.there.rotation[row][axis] + plane.slope[axis] * self.there.translation[row]
+            self.there.rotation[(row, axis)] + plane.slope[axis] * self.there.translation[row]
         };
         let along = |row: usize, axis: usize| (turn(row, axis) - pixel[row] * turn(2, axis)) * scale;
         let affine = [[along(0, 0), along(0, 1)], [along(1, 0), along(1, 1)]];
@@ -182,10 +177,9 @@ impl<'a> Source<'a> {
         for i in 0..SAMPLES {
             let (dx, dy) = (patch.x[i], patch.y[i]);
             // In this order what is no number is within, too.
-            let (column, rest_x) =
-                split((pixel[0] + affine[0][0] * dx + affine[0][1] * dy).max(0.5).min(most_x));
-            let (row, rest_y) =
-                split((pixel[1] + affine[1][0] * dx + affine[1][1] * dy).max(0.5).min(most_y));
+            let x = (pixel[0] + affine[0][0] * dx + affine[0][1] * dy).max(0.5).min(most_x);
+            let y = (pixel[1] + affine[1][0] * dx + affine[1][1] * dy).max(0.5).min(most_y);
+            let ((column, rest_x), (row, rest_y)) = (split(x), split(y));
             index[i] = row * width + column;
             (fx[i], fy[i]) = (rest_x, rest_y);
         }
@@ -268,8 +262,8 @@ impl<'a> Reference<'a> {
             let Some(sample) = self.beside(at, [dx, dy]) else { continue };
             let squared = (dx * dx + dy * dy) as f32;
             let near = (1.0 - squared / (8.0 * DISTANCE * DISTANCE)).max(0.0).powi(4);
-            let (weight, luma) =
-                (near * alike(self.colours[at], self.colours[sample], COLOUR), self.luma[sample]);
+            let weight = near * alike(self.colours[at], self.colours[sample], COLOUR);
+            let luma = self.luma[sample];
             (patch.x[i], patch.y[i]) = (dx as f32, dy as f32);
             (patch.weight[i], patch.luma[i]) = (weight, luma);
             patch.all += weight;
@@ -310,9 +304,8 @@ impl<'a> Reference<'a> {
         let (mut xx, mut xy, mut yy, mut xw, mut yw) = (0.5, 0.0, 0.5, 0.0, 0.0);
         for dy in -reach..=reach {
             for dx in -reach..=reach {
-                let Some(beside) = self.beside(at, [dx, dy]).filter(|&i| self.before[i] > 0.0) else {
-                    continue;
-                };
+                let known = self.beside(at, [dx, dy]).filter(|&i| self.before[i] > 0.0);
+                let Some(beside) = known else { continue };
                 let change = self.before[beside] / w - 1.0;
                 let like = alike(self.colours[at], self.colours[beside], COLOUR);
                 let k = like / (1.0 + (change / RESIDUAL).powi(2));
@@ -414,25 +407,18 @@ pub fn refine_by_patches(views: &[PosedView], depths: &[ArrayView2<'_, f32>]) ->
     let reference = Reference::new(views, depths);
     let pixels = reference.height * reference.width;
     let known = |&at: &usize| reference.before[at] > 0.0;
-    let first: Vec<Match> = (0..pixels)
-        .into_par_iter()
-        .map(|at| {
-            if known(&at) {
-                reference.judge(reference.fitted(at), at, &reference.patch(at))
-            } else {
-                Match::default()
-            }
-        })
-        .collect();
+    let fitted = |at: usize| match known(&at) {
+        true => reference.judge(reference.fitted(at), at, &reference.patch(at)),
+        false => Match::default(),
+    };
+    let first: Vec<Match> = (0..pixels).into_par_iter().map(fitted).collect();
     let mut matches = first.clone();
     for iteration in 0..ITERATIONS {
         for colour in 0..2 {
             let of_colour = |at: &usize| (at / reference.width + at % reference.width) % 2 == colour;
-            let better: Vec<(usize, Match)> = (0..pixels)
-                .into_par_iter()
-                .filter(|at| of_colour(at) && known(at))
-                .map(|at| (at, reference.improved(&matches, at, iteration)))
-                .collect();
+            let tried = (0..pixels).into_par_iter().filter(|at| of_colour(at) && known(at));
+            let better = tried.map(|at| (at, reference.improved(&matches, at, iteration)));
+            let better: Vec<(usize, Match)> = better.collect();
             better.into_iter().for_each(|(at, better)| matches[at] = better);
         }
     }
@@ -494,10 +480,8 @@ mod tests {
     fn a_coordinate_is_its_whole_part_and_the_rest() {
         for coordinate in [0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 318.999, 4000.0, 2_097_151.5] {
             let (whole, rest) = split(coordinate);
-            assert!(
-                (0.0..=1.0).contains(&rest) && whole as f32 + rest == coordinate,
-                "{coordinate}: {whole} {rest}"
-            );
+            let exact = whole as f32 + rest == coordinate;
+            assert!((0.0..=1.0).contains(&rest) && exact, "{coordinate}: {whole} {rest}");
         }
     }
 

@@ -13,8 +13,9 @@
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
-use rayon::prelude::*;
 
+use super::edge::colour;
+use crate::raster::recursive_filter;
 use crate::{Result, check_map};
 
 /// Reach along a surface of one colour, as a share of the longer side.
@@ -44,8 +45,7 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     check_map("depth", depth.dim(), &view.camera)?;
     let longer = depth.dim().0.max(depth.dim().1) as f64;
     let reach = REACH * longer;
-    let (across, down) = (steps(view, reach, [0, 1]), steps(view, reach, [1, 0]));
-    let down = down.reversed_axes().as_standard_layout().into_owned();
+    let steps = [steps(view, reach, [0, 1]), steps(view, reach, [1, 0])];
     let known = |z: f32, v: f32| z > 0.0 && v.is_finite();
     let own = Zip::from(depth.mean())
         .and(depth.variance())
@@ -59,7 +59,8 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     for filter in 1..=FILTERS {
         let share = 3.0_f64.sqrt() * 2.0_f64.powi(FILTERS - filter) / (4.0_f64.powi(FILTERS) - 1.0).sqrt();
         let decay = -2.0_f64.sqrt() / (reach * share);
-        moments = filtered(filtered(moments, &across, decay), &down, decay);
+        let feedback = steps.each_ref().map(|steps| steps.mapv(|step| (decay * step).exp()));
+        recursive_filter(&mut moments, &feedback);
     }
     let mut variance = own.clone();
     Zip::indexed(&mut inverse).and(&own).and(&mut variance).and(&moments).for_each(
@@ -84,25 +85,10 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
 /// Length of the way to each pixel from the one before it, `[dy, dx]` away.
 fn steps(view: &PosedView, reach: f64, [dy, dx]: [usize; 2]) -> Array2<f64> {
     Array2::from_shape_fn(view.camera.dim(), |(y, x)| {
-        let from = (y.saturating_sub(dy), x.saturating_sub(dx));
-        let colour =
-            |channel| f64::from((view.image[(y, x, channel)] - view.image[(from.0, from.1, channel)]).abs());
-        1.0 + reach / COLOUR * (0..3).map(colour).sum::<f64>()
+        let (here, from) = (colour(view, y, x), colour(view, y.saturating_sub(dy), x.saturating_sub(dx)));
+        let differences = here.iter().zip(from).map(|(here, from)| f64::from((here - from).abs()));
+        1.0 + reach / COLOUR * differences.sum::<f64>()
     })
-}
-
-/// Both ways along each row; the result is transposed, so that the next filter goes along the columns.
-fn filtered(mut moments: Array2<Moments>, steps: &Array2<f64>, decay: f64) -> Array2<Moments> {
-    let mut rows: Vec<_> = moments.rows_mut().into_iter().zip(steps.rows()).collect();
-    rows.par_iter_mut().for_each(|(row, steps)| {
-        let mut mix = |to: usize, from: usize, step: f64| {
-            let (share, before) = ((decay * step).exp(), row[from]);
-            row[to].iter_mut().zip(before).for_each(|(here, before)| *here += share * (before - *here));
-        };
-        (1..steps.len()).for_each(|x| mix(x, x - 1, steps[x]));
-        (1..steps.len()).rev().for_each(|x| mix(x - 1, x, steps[x]));
-    });
-    moments.reversed_axes().as_standard_layout().into_owned()
 }
 
 /// The plane at a pixel over its own inverse depth, and the mean squared residual of its pixels.
@@ -162,10 +148,8 @@ mod tests {
     fn a_doubtful_spot_returns_to_its_plane() {
         let plane = |y: usize, x: usize| (0.5 + 0.002 * x as f32 + 0.001 * y as f32).recip();
         let spot = |y: usize, x: usize| y.abs_diff(30).pow(2) + x.abs_diff(40).pow(2) < 36;
-        let known = map(
-            |y, x| plane(y, x) * if spot(y, x) { 1.4 } else { 1.0 },
-            |y, x| if spot(y, x) { 0.3 } else { 0.01 },
-        );
+        let depth = |y, x| plane(y, x) * if spot(y, x) { 1.4 } else { 1.0 };
+        let known = map(depth, |y, x| if spot(y, x) { 0.3 } else { 0.01 });
         let found = with_planes(&wall(|_| 0.5), &known).unwrap();
         let (z, v) = found.get(30, 40).unwrap();
         assert!((z / plane(30, 40) - 1.0).abs() < 0.06, "{z} {}", plane(30, 40));

@@ -44,8 +44,7 @@ pub struct Match {
 
 /// One factor from the prior's depths to the unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub struct Scale {
     /// Its logarithm.
     pub log_scale: f64,
@@ -59,8 +58,7 @@ pub struct Scale {
 
 /// The affine gauge of one photograph's prior, in log depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub struct Gauge {
     /// Log depth where the prior's logarithm is [`middle`](Self::middle).
     pub offset: f64,
@@ -155,21 +153,19 @@ fn cauchy_line(rows: &[Row], contrast_precision: f64) -> Option<Fit> {
     result
 }
 
-fn rows(matches: &[Match]) -> Vec<Row> {
-    let good = |m: &&Match| {
-        m.prior > 0.0 && m.depth > 0.0 && m.weight > 0.0 && m.prior.is_finite() && m.depth.is_finite()
-    };
+/// Those of the matches that count, if they are enough.
+fn rows(matches: &[Match]) -> Option<Vec<Row>> {
+    let known = |z: f32| z > 0.0 && z.is_finite();
+    let good = |m: &&Match| known(m.prior) && known(m.depth) && m.weight > 0.0;
     let row = |m: &Match| (f64::from(m.prior).ln(), f64::from(m.depth).ln(), f64::from(m.weight), m.patch);
-    matches.iter().filter(good).map(row).collect()
+    let rows: Vec<Row> = matches.iter().filter(good).map(row).collect();
+    (rows.len() >= MIN_MATCHES).then_some(rows)
 }
 
 impl Scale {
     /// The factor that the matches agree on; nothing with fewer than 16.
     pub fn fit(matches: &[Match]) -> Option<Self> {
-        let mut rows = rows(matches);
-        if rows.len() < MIN_MATCHES {
-            return None;
-        }
+        let mut rows = rows(matches)?;
         // The contrast is 1, so that the ratio of the depths is an offset alone.
         for row in &mut rows {
             (row.0, row.1) = (0.0, row.1 - row.0);
@@ -183,22 +179,18 @@ impl Scale {
 impl Gauge {
     /// The affine gauge that the matches agree on; nothing with fewer than 16.
     pub fn fit(matches: &[Match]) -> Option<Self> {
-        let mut rows = rows(matches);
-        if rows.len() < MIN_MATCHES {
-            return None;
-        }
+        let mut rows = rows(matches)?;
         let total: f64 = rows.iter().map(|r| r.2).sum();
         let middle = rows.iter().map(|r| r.2 * r.0).sum::<f64>() / total;
         for row in &mut rows {
             row.0 -= middle;
         }
         let fit = cauchy_line(&rows, CONTRAST.powi(-2))?;
-        let c = fit.covariance;
         Some(Self {
             offset: fit.solution[0],
             contrast: fit.solution[1],
             middle,
-            covariance: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+            covariance: fit.covariance.transpose().into(),
             spread: fit.spread,
             matches: rows.len(),
         })
@@ -246,15 +238,14 @@ impl Gauge {
 mod tests {
     use super::*;
     use crate::synthetic::{Plane, scene};
+    use nalgebra::Point2;
     use proptest::prelude::*;
 
     fn matches(offset: f64, contrast: f64, wrong: usize, seed: u64) -> Vec<Match> {
         (0..400_usize)
             .map(|i| {
-                let noise = ((i as u64).wrapping_mul(6_364_136_223_846_793_005).wrapping_add(seed) >> 40)
-                    as f64
-                    / (1_u64 << 24) as f64
-                    - 0.5;
+                let bits = (i as u64).wrapping_mul(6_364_136_223_846_793_005).wrapping_add(seed) >> 40;
+                let noise = bits as f64 / (1_u64 << 24) as f64 - 0.5;
                 let prior = 1.0 + 0.01 * i as f64;
                 let z = (offset + contrast * prior.ln() + 0.02 * noise).exp();
                 let z = if i % 10 < wrong { 9.0 * z } else { z };
@@ -303,11 +294,10 @@ mod tests {
         let (views, depths) = scene(&plane, (48, 64), &[[0.0; 3], [0.3, 0.1, 0.2]]);
         let (view, depth) = (&views[1], &depths[1]);
         let back = view.pose.inverse();
-        let mut points: Vec<Point3<f64>> = (0..48)
-            .step_by(6)
-            .flat_map(|y| (0..64).step_by(6).map(move |x| (y, x)))
-            .map(|p| back * view.camera.unproject([p.1 as f64, p.0 as f64].into(), depth[p].into()))
-            .collect();
+        let pixels = (0..48).step_by(6).flat_map(|y| (0..64).step_by(6).map(move |x| (y, x)));
+        let point =
+            |at: (usize, usize)| view.camera.unproject(Point2::new(at.1, at.0).cast(), depth[at].into());
+        let mut points: Vec<Point3<f64>> = pixels.map(|at| back * point(at)).collect();
         let seen = points.len();
         points.push(back * Point3::new(0.0, 0.0, -1.0));
         points.push(back * Point3::new(50.0, 0.0, 1.0));

@@ -26,8 +26,7 @@ pub const MIN_OVERLAP: f64 = 0.2;
 
 /// One further photograph measured against the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub struct ViewScore {
     /// Its index among the views.
@@ -111,16 +110,14 @@ fn overlap(from: &PosedView, to: &PosedView, depth: ArrayView2<'_, f32>) -> (f64
 
 /// Mean squared central difference.
 fn gradient_energy(luma: &Array2<f32>) -> f64 {
-    let (h, w) = luma.dim();
-    let mut sum = 0.0;
-    for y in 1..h.saturating_sub(1) {
-        for x in 1..w.saturating_sub(1) {
-            let gx = 0.5 * f64::from(luma[(y, x + 1)] - luma[(y, x - 1)]);
-            let gy = 0.5 * f64::from(luma[(y + 1, x)] - luma[(y - 1, x)]);
-            sum += gx * gx + gy * gy;
-        }
-    }
-    sum / (h.saturating_sub(2) * w.saturating_sub(2)).max(1) as f64
+    let energy = |square: ArrayView2<'_, f32>| {
+        let gx = 0.5 * f64::from(square[(1, 2)] - square[(1, 0)]);
+        let gy = 0.5 * f64::from(square[(2, 1)] - square[(0, 1)]);
+        gx * gx + gy * gy
+    };
+    let energies = luma.windows((3, 3)).into_iter().map(energy);
+    let (sum, count) = energies.fold((0.0, 0_usize), |(sum, count), energy| (sum + energy, count + 1));
+    sum / count.max(1) as f64
 }
 
 #[cfg(test)]
@@ -158,10 +155,8 @@ mod tests {
         let depth = depths[0].view();
         let chosen = select_views(&views, 0, depth, &[], 7);
         assert!(matches!(chosen, Err(Error::View(_))));
-        assert!(matches!(
-            crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth),
-            Err(Error::View(_))
-        ));
+        let fitted = crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth);
+        assert!(matches!(fitted, Err(Error::View(_))));
         assert!(matches!(crate::sweep::scale::point_matches(&views[1], &[], depth), Err(Error::View(_))));
     }
 }

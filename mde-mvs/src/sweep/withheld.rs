@@ -7,14 +7,14 @@
 
 use mde_uncertainty::statistics::median;
 use mde_warp::PosedView;
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, Zip};
 
 use crate::raster::{small_map, small_view};
 use crate::sweep::consensus::{ViewDepth, reconstruct};
-use crate::sweep::exposure::{fit_exposure, sample};
+use crate::sweep::edge::colour;
+use crate::sweep::exposure::{carried, fit_exposure};
 use crate::sweep::scale::Scale;
 use crate::{Error, Result, check_map, silent};
-use mde_warp::transfer::PlaneTransfer;
 
 /// Longer side of the photographs that are compared.
 const SMALL: usize = 160;
@@ -30,8 +30,7 @@ const MIN_BLOCKS: usize = 8;
 
 /// Colour differences of a withheld photograph, mean of the pixels that both depths carry into it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub struct WithheldError {
     /// Through the scaled prior, or the prior times the common factor times 0.74 to 1.35, whichever fits best: mean absolute difference of sRGB in \[0, 1\], cut at .1.
@@ -81,16 +80,8 @@ pub fn withheld_error(
     maps.remove(withheld);
     let maps: Vec<ArrayView2<'_, f32>> = maps.iter().map(|map| map.view()).collect();
     let known = reconstruct(&small, &maps, scale, &mut silent)?;
-    let (Some(reference), Some(own), Some(prior)) = (small.first(), known.views.first(), maps.first()) else {
-        return Ok(None);
-    };
-    let factor = known.scale.map_or(1.0, |scale| scale.log_scale.exp());
-    error(
-        reference,
-        &target,
-        [own.fused.mean(), own.prior.mean()],
-        prior.mapv(|z| (f64::from(z) * factor) as f32),
-    )
+    let ([reference, ..], [own, ..], [prior, ..]) = (&*small, &*known.views, &*maps) else { return Ok(None) };
+    error(reference, &target, [own.fused.mean(), own.prior.mean()], prior, known.scale)
 }
 
 /// The same for a `target` that had no part in what is `known` of the depth of `reference`, whose `prior` is in the unit of the poses but
@@ -111,8 +102,7 @@ pub fn unused_error(
         Ok(small_map(&map, from.camera.dim()))
     };
     let (found, gauged, prior) = (of(known.fused.mean())?, of(known.prior.mean())?, of(prior)?);
-    let factor = scale.map_or(1.0, |scale| scale.log_scale.exp());
-    error(&from, &to, [found.view(), gauged.view()], prior.mapv(|z| (f64::from(z) * factor) as f32))
+    error(&from, &to, [found.view(), gauged.view()], &prior.view(), scale)
 }
 
 /// The error through the depth that was found, and the least through the gauged prior and the multiples of the scaled one.
@@ -120,17 +110,18 @@ fn error(
     reference: &PosedView,
     target: &PosedView,
     [found, gauged]: [ArrayView2<'_, f32>; 2],
-    scaled: Array2<f32>,
+    prior: &ArrayView2<'_, f32>,
+    scale: Option<Scale>,
 ) -> Result<Option<WithheldError>> {
+    let factor = scale.map_or(1.0, |scale| scale.log_scale.exp());
+    let scaled = prior.mapv(|z| (f64::from(z) * factor) as f32);
     let found = differences(reference, target, found)?;
     let mut best = compare(&differences(reference, target, gauged)?, &found);
     // The scale may itself rest on wrong matches, so the prior may choose its factor.
     for step in SCALES {
         let scaled = scaled.mapv(|z| (f64::from(z) * (STEP * step).exp()) as f32);
-        let next = compare(&differences(reference, target, scaled.view())?, &found);
-        if let Some(next) = next {
-            best =
-                Some(best.filter(|best| best.found - best.prior >= next.found - next.prior).unwrap_or(next));
+        if let Some(next) = compare(&differences(reference, target, scaled.view())?, &found) {
+            best = best.filter(|best| best.found - best.prior >= next.found - next.prior).or(Some(next));
         }
     }
     Ok(best)
@@ -139,28 +130,21 @@ fn error(
 /// Absolute difference of colour per pixel of the reference, NaN where the photograph does not show it.
 fn differences(reference: &PosedView, target: &PosedView, depth: ArrayView2<'_, f32>) -> Result<Array2<f32>> {
     let exposure = fit_exposure(reference, target, depth)?.exposure;
-    let transfer = PlaneTransfer::new(reference, target);
-    Ok(Array2::from_shape_fn(depth.dim(), |(y, x)| {
-        let z = depth[(y, x)];
-        if !(z > 0.0 && z.is_finite() && reference.mask[(y, x)]) {
-            return f32::NAN;
-        }
-        let there = transfer
-            .at(x as f64, y as f64, 1.0 / f64::from(z))
-            .and_then(|seen| sample(target, seen.x, seen.y))
-            .map(|colour| exposure.apply(colour));
-        there.map_or(f32::NAN, |colour| {
-            let channel = |c: usize| (colour[c] - reference.image[(y, x, c)]).abs().min(CUT);
+    let there = carried(reference, target, depth);
+    let difference = |(y, x), there: &Option<[f32; 3]>| {
+        there.map_or(f32::NAN, |there| {
+            let (there, here) = (exposure.apply(there), colour(reference, y, x));
+            let channel = |c: usize| (there[c] - here[c]).abs().min(CUT);
             (channel(0) + channel(1) + channel(2)) / 3.0
         })
-    }))
+    };
+    Ok(Zip::indexed(&there).map_collect(difference))
 }
 
 fn compare(prior: &Array2<f32>, found: &Array2<f32>) -> Option<WithheldError> {
     let mut blocks: Vec<[f64; 3]> = Vec::new();
-    for (prior, found) in
-        prior.exact_chunks((BLOCK, BLOCK)).into_iter().zip(found.exact_chunks((BLOCK, BLOCK)))
-    {
+    let [prior, found] = [prior, found].map(|map| map.exact_chunks((BLOCK, BLOCK)));
+    for (prior, found) in prior.into_iter().zip(found) {
         let mut sums = [0.0; 3];
         for (p, f) in prior.iter().zip(found).filter(|(p, f)| p.is_finite() && f.is_finite()) {
             for (sum, value) in sums.iter_mut().zip([f64::from(*p), f64::from(*f), 1.0]) {
@@ -198,22 +182,23 @@ mod tests {
         withheld_error(views, &maps, withheld, None).unwrap().unwrap()
     }
 
+    /// Exact priors, and poses of the last two photographs that do not belong to them.
+    fn with_wrong_poses() -> (Vec<PosedView>, Vec<Array2<f32>>) {
+        let (mut views, depths, _) = room(1.0);
+        for (view, sign) in views[2..].iter_mut().zip([1.0, -1.0]) {
+            view.pose = Pose::translation(0.04 * sign, -0.05, 0.02) * view.pose;
+        }
+        (views, depths)
+    }
+
     #[test]
-    fn true_poses_explain_the_withheld_photograph_better_than_the_prior() {
+    fn true_poses_explain_the_withheld_photograph_better_than_the_prior_and_wrong_ones_do_not() {
         let (views, _, priors) = room(1.0);
         for withheld in 1..4 {
             let error = error(&views, &priors, withheld);
             assert!(!error.is_worse() && error.found < 0.7 * error.prior, "{error:?}");
         }
-    }
-
-    /// Exact priors, and poses of the photographs that were used that do not belong to them.
-    #[test]
-    fn wrong_poses_are_noticed() {
-        let (mut views, depths, _) = room(1.0);
-        for (view, sign) in views[2..].iter_mut().zip([1.0, -1.0]) {
-            view.pose = Pose::translation(0.04 * sign, -0.05, 0.02) * view.pose;
-        }
+        let (views, depths) = with_wrong_poses();
         let error = error(&views, &depths, 1);
         assert!(error.is_worse() && error.found > 1.5 * error.prior, "{error:?}");
     }
@@ -221,14 +206,8 @@ mod tests {
     /// The photograph that is withheld, and the same one left over, tell true poses from wrong ones alike.
     #[test]
     fn an_unused_photograph_is_as_good_as_a_withheld_one() {
-        for moved in [false, true] {
-            let (mut views, depths, priors) = room(1.0);
-            let priors = if moved { depths } else { priors };
-            if moved {
-                for (view, sign) in views[2..].iter_mut().zip([1.0, -1.0]) {
-                    view.pose = Pose::translation(0.04 * sign, -0.05, 0.02) * view.pose;
-                }
-            }
+        let (views, _, priors) = room(1.0);
+        for (moved, (mut views, priors)) in [(false, (views, priors)), (true, with_wrong_poses())] {
             let target = views.remove(1);
             let maps: Vec<_> = [0, 2, 3].map(|i| priors[i].view()).to_vec();
             let known = reconstruct(&views, &maps, None, &mut silent).unwrap();

@@ -11,7 +11,8 @@ use rand::RngExt;
 /// \\((u, v)\\), so that one load fetches both corners of a cell edge along depth.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HashLayout {
-    features: usize,
+    /// Numbers per row.
+    pub(crate) features: usize,
     levels: Vec<Level>,
 }
 
@@ -76,16 +77,6 @@ impl HashLayout {
         self.levels.len()
     }
 
-    pub(crate) fn features(&self) -> usize {
-        self.features
-    }
-
-    /// Features per point of all levels.
-    #[cfg(test)]
-    pub(crate) fn width(&self) -> usize {
-        self.features * self.levels.len()
-    }
-
     /// Numbers in the table.
     pub(crate) fn table_len(&self) -> usize {
         self.levels.iter().map(|l| l.rows * self.features).sum()
@@ -118,10 +109,10 @@ impl HashLayout {
     ) {
         let level = &self.levels[level];
         match self.features {
-            1 => level.scatter::<T, 1, 2>(points, d_features, gradient),
-            2 => level.scatter::<T, 2, 4>(points, d_features, gradient),
-            4 => level.scatter::<T, 4, 8>(points, d_features, gradient),
-            _ => level.scatter::<T, 8, 16>(points, d_features, gradient),
+            1 => level.scatter::<T, 1>(points, d_features, gradient),
+            2 => level.scatter::<T, 2>(points, d_features, gradient),
+            4 => level.scatter::<T, 4>(points, d_features, gradient),
+            _ => level.scatter::<T, 8>(points, d_features, gradient),
         }
     }
 }
@@ -145,20 +136,14 @@ impl<T: Scalar> HashGrid<T> {
     /// Per level the trilinear mean of the cell's eight corner rows.
     pub(crate) fn forward(&self, points: &Points<T>, features: &mut [T], stride: usize) {
         match self.layout.features {
-            1 => self.gather::<1, 2>(points, features, stride),
-            2 => self.gather::<2, 4>(points, features, stride),
-            4 => self.gather::<4, 8>(points, features, stride),
-            _ => self.gather::<8, 16>(points, features, stride),
+            1 => self.gather::<1>(points, features, stride),
+            2 => self.gather::<2>(points, features, stride),
+            4 => self.gather::<4>(points, features, stride),
+            _ => self.gather::<8>(points, features, stride),
         }
     }
 
-    /// `PAIR` is `2 F`: the features of both ends of an edge.
-    fn gather<const F: usize, const PAIR: usize>(
-        &self,
-        points: &Points<T>,
-        features: &mut [T],
-        stride: usize,
-    ) {
+    fn gather<const F: usize>(&self, points: &Points<T>, features: &mut [T], stride: usize) {
         T::vectorized(
             #[inline(always)]
             || {
@@ -168,17 +153,18 @@ impl<T: Scalar> HashGrid<T> {
                     for (block, out) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
                         let cells = level.cells(block);
                         for (lane, out) in out.chunks_exact_mut(stride).enumerate() {
-                            let mut sum = [T::ZERO; PAIR];
+                            // Of both ends of an edge.
+                            let mut sums = [[T::ZERO; F]; 2];
                             for corner in 0..4 {
                                 let weight = cells.weights[corner][lane];
-                                let row = cells.rows[corner][lane] as usize * F;
-                                for (sum, &x) in sum.iter_mut().zip(&table[row..row + PAIR]) {
+                                let rows = &table[cells.rows[corner][lane] as usize * F..][..2 * F];
+                                for (sum, &x) in sums.as_flattened_mut().iter_mut().zip(rows) {
                                     *sum = weight.mul_add(x, *sum);
                                 }
                             }
                             let depth = cells.depth[lane];
-                            let (near, far) = sum.split_at(F);
-                            for ((out, &near), &far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
+                            let [near, far] = sums;
+                            for ((out, near), far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
                                 *out = depth.mul_add(far - near, near);
                             }
                         }
@@ -190,12 +176,7 @@ impl<T: Scalar> HashGrid<T> {
 }
 
 impl Level {
-    fn scatter<T: Scalar, const F: usize, const PAIR: usize>(
-        &self,
-        points: &Points<T>,
-        d_features: &[T],
-        gradient: &mut [T],
-    ) {
+    fn scatter<T: Scalar, const F: usize>(&self, points: &Points<T>, d_features: &[T], gradient: &mut [T]) {
         T::vectorized(
             #[inline(always)]
             || {
@@ -207,15 +188,12 @@ impl Level {
                             continue;
                         }
                         let depth = cells.depth[lane];
-                        let mut edge = [T::ZERO; PAIR];
-                        for f in 0..F {
-                            edge[F + f] = depth * d[f];
-                            edge[f] = d[f] - edge[F + f];
-                        }
+                        let far = d.map(|d| depth * d);
+                        let edge: [[T; F]; 2] = [std::array::from_fn(|f| d[f] - far[f]), far];
                         for corner in 0..4 {
                             let weight = cells.weights[corner][lane];
-                            let row = cells.rows[corner][lane] as usize * F;
-                            for (sum, &d) in gradient[row..row + PAIR].iter_mut().zip(&edge) {
+                            let rows = &mut gradient[cells.rows[corner][lane] as usize * F..][..2 * F];
+                            for (sum, &d) in rows.iter_mut().zip(edge.as_flattened()) {
                                 *sum = weight.mul_add(d, *sum);
                             }
                         }
@@ -245,7 +223,7 @@ impl Level {
             for (low, x) in low.iter_mut().zip(&mut fraction) {
                 *x = x.max(T::ZERO).min(T::ONE) * scale;
                 *low = x.to_index().min(self.cells - 1);
-                *x -= T::from_index(*low);
+                *x = *x - T::from_index(*low);
             }
             cells.depth[lane] = fraction[2];
             let (u, v) = (low[0].wrapping_mul(u_step), low[1].wrapping_mul(v_step));
@@ -279,9 +257,9 @@ mod tests {
         HashLayout::new(&config)
     }
 
-    fn padded(points: &[[f64; 3]]) -> Points<f64> {
+    fn padded(point: [f64; 3]) -> Points<f64> {
         let mut list = Points::default();
-        points.iter().for_each(|&p| list.push(p));
+        list.push(point);
         list.pad();
         list
     }
@@ -294,7 +272,7 @@ mod tests {
         #[test]
         fn corner_weights_add_up_to_one_and_rows_exist(point in cube()) {
             for level in &layout().levels {
-                let points = padded(&[point]);
+                let points = padded(point);
                 let cells = level.cells(points.blocks().next().unwrap());
                 prop_assert!((cells.weights.iter().map(|w| w[0]).sum::<f64>() - 1.0).abs() < 1e-12);
                 prop_assert!((0.0..=1.0).contains(&cells.depth[0]));
@@ -314,7 +292,7 @@ mod tests {
                 .collect();
             let grid = HashGrid { layout, table };
             let mut features = vec![0.0; BLOCK];
-            grid.forward(&padded(&[point]), &mut features, 1);
+            grid.forward(&padded(point), &mut features, 1);
             prop_assert!((features[0] - linear(point)).abs() < 1e-12);
         }
     }
@@ -323,6 +301,7 @@ mod tests {
     #[test]
     fn the_features_are_continuous_across_cells() {
         let layout = layout();
+        let width = layout.features * layout.level_count();
         let mut grid = HashGrid::<f64>::new(layout.clone(), 3);
         grid.table.iter_mut().for_each(|t| *t *= 1e4);
         for level in &layout.levels {
@@ -331,9 +310,10 @@ mod tests {
                 let beside = |offset: f64| {
                     let mut point = [0.37, 0.61, 0.23];
                     point[axis] = wall + offset;
-                    let mut features = vec![0.0; BLOCK * layout.width()];
-                    grid.forward(&padded(&[point]), &mut features, layout.width());
-                    features[..layout.width()].to_vec()
+                    let mut features = vec![0.0; BLOCK * width];
+                    grid.forward(&padded(point), &mut features, width);
+                    features.truncate(width);
+                    features
                 };
                 for (a, b) in beside(-1e-9).iter().zip(beside(1e-9)) {
                     assert!((a - b).abs() < 1e-6, "axis {axis}: {a} {b}");
@@ -347,6 +327,6 @@ mod tests {
         let layout = HashLayout::new(&HashFieldConfig::default());
         assert_eq!(layout.levels.first().map(|l| (l.cells, l.dense)), Some((16, true)));
         assert_eq!(layout.levels.last().map(|l| (l.cells, l.dense)), Some((640, false)));
-        assert_eq!(layout.width(), 32);
+        assert_eq!((layout.level_count(), layout.features), (8, 4));
     }
 }

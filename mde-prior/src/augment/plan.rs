@@ -127,10 +127,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn predictions(most: u32, image: (usize, usize), input: usize) -> usize {
-        Plan::new(Predictions::Most(most), image, Some((input, input))).predictions()
-    }
-
     #[test]
     fn crops_are_predicted_where_they_show_the_model_more() {
         let auto = |image, input| Plan::new(Predictions::Auto, image, Some(input));
@@ -142,7 +138,8 @@ mod tests {
         assert_eq!((anything.mirror, anything.predictions()), (true, 2));
         assert_eq!(auto((1060, 1414), (518, 686)).levels, [2, 3]);
         assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3, 4]);
-        let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(|most| predictions(most, (960, 960), 96));
+        let at_most = |most| Plan::new(Predictions::Most(most), (960, 960), Some((96, 96))).predictions();
+        let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(at_most);
         assert_eq!(steps, [1, 2, 2, 5, 10, 14, 14, 28, 30, 60, 110]);
     }
 

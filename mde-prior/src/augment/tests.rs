@@ -4,16 +4,12 @@ use crate::resample::{Filter, resize};
 use proptest::prelude::*;
 
 /// A model by its prediction.
-struct Model<F>(F);
+struct Model<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth>>(F);
 
 impl<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth> + Sync> DepthPrior for Model<F> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         (self.0)(image)
     }
-}
-
-fn model<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth> + Sync>(predict: F) -> Model<F> {
-    Model(predict)
 }
 
 /// Takes the red channel for depth, seen through a small input: the mean over blocks of a grid.
@@ -24,7 +20,7 @@ fn seen(image: ArrayView3<'_, f32>, cells: usize) -> Array2<f32> {
 }
 
 fn coarse(kind: DepthKind) -> impl DepthPrior {
-    model(move |image| PriorDepth::from_values(seen(image, 14), kind))
+    Model(move |image| PriorDepth::from_values(seen(image, 14), kind))
 }
 
 /// A slanted floor with a box before it.
@@ -56,7 +52,7 @@ fn crops_add_the_detail_that_the_whole_image_lost() {
 fn crops_that_agree_with_the_whole_image_leave_the_map_as_it_is() {
     let image = Array3::from_shape_fn((24, 32, 3), |(y, x, _)| 0.2 + 0.01 * (x + y) as f32);
     let red =
-        model(|image| PriorDepth::from_values(image.index_axis(Axis(2), 0).to_owned(), DepthKind::Metric));
+        Model(|image| PriorDepth::from_values(image.index_axis(Axis(2), 0).to_owned(), DepthKind::Metric));
     let augmented = AugmentationConfig::multi_crop().predict(&red, image.view()).unwrap();
     let change = &augmented.merged.map - &augmented.prior.map;
     assert!(change.iter().all(|c| c.abs() < 0.02));
@@ -67,7 +63,7 @@ fn a_disparity_gains_too_whatever_its_gauge() {
     let picture = picture();
     let config = AugmentationConfig::multi_crop();
     let [plain, other] = [(1.0, 0.0), (700.0, -90.0)].map(|(scale, shift)| {
-        let affine = model(|image| {
+        let affine = Model(|image| {
             PriorDepth::from_values(seen(image, 14).mapv(|d| scale * d + shift), DepthKind::AffineDisparity)
         });
         config.predict(&affine, picture.view()).unwrap()
@@ -123,7 +119,7 @@ fn a_cancelled_augmentation_has_no_result() {
 /// An image and its mirror image alone have a spread too.
 #[test]
 fn two_predictions_that_differ_have_a_spread() {
-    let tilted = model(|image| {
+    let tilted = Model(|image| {
         let (height, width, _) = image.dim();
         let map = Array2::from_shape_fn((height, width), |(_, x)| 1.0 + 0.01 * x as f32);
         PriorDepth::from_values(map, DepthKind::Metric)
@@ -150,7 +146,7 @@ proptest! {
         };
         let picture = Array3::from_shape_fn((height, width, 3), |(y, x, c)| noise(y, x, c));
         let of = |unit: f32| {
-            let scaled = model(move |image| PriorDepth::from_values(seen(image, 7).mapv(|d| unit * d), DepthKind::Metric));
+            let scaled = Model(move |image| PriorDepth::from_values(seen(image, 7).mapv(|d| unit * d), DepthKind::Metric));
             AugmentationConfig::multi_crop().predict(&scaled, picture.view()).unwrap().merged.map
         };
         let (plain, scaled) = (of(1.0), of(unit));
@@ -164,7 +160,7 @@ proptest! {
 /// A crop that is all sky, where the model has no depth, leaves the other crops their detail.
 #[test]
 fn a_crop_without_a_usable_pixel_is_left_out() {
-    let sky = model(|image| {
+    let sky = Model(|image| {
         let red = image.index_axis(Axis(2), 0).to_owned();
         let valid = red.mapv(|v| v < 0.95);
         PriorDepth::with_mask(red, valid, DepthKind::Metric)
@@ -185,7 +181,7 @@ fn a_prediction_of_another_size_is_refused() {
     let picture = picture();
     let (height, width, _) = picture.dim();
     for size in [(2 * height, 2 * width), (height / 2, width / 2), (height, width + 1)] {
-        let sized = model(|_| PriorDepth::from_values(Array2::from_elem(size, 2.0), DepthKind::Metric));
+        let sized = Model(|_| PriorDepth::from_values(Array2::from_elem(size, 2.0), DepthKind::Metric));
         let refused = AugmentationConfig::multi_crop().predict(&sized, picture.view()).unwrap_err();
         assert!(refused.to_string().contains(&format!("{}x{}", size.1, size.0)), "{refused}");
     }

@@ -94,16 +94,12 @@ impl Graph for OnnxRuntimeGraph {
 }
 
 fn port(outlet: &Outlet) -> Port {
-    let (kind, sides) = match outlet.dtype() {
+    let (other_type, sides) = match outlet.dtype() {
         ValueType::Tensor { ty, shape, .. } => {
-            (Some(*ty), Some(shape.iter().map(|side| usize::try_from(*side).ok()).collect()))
+            let other = (*ty != TensorElementType::Float32).then(|| format!("{ty:?}"));
+            (other, Some(shape.iter().map(|side| usize::try_from(*side).ok()).collect()))
         }
-        _ => (None, None),
-    };
-    let other_type = match kind {
-        Some(TensorElementType::Float32) => None,
-        Some(kind) => Some(format!("{kind:?}")),
-        None => Some("no tensor".to_owned()),
+        _ => (Some("no tensor".to_owned()), None),
     };
     Port { name: outlet.name().to_owned(), sides, other_type }
 }
@@ -131,11 +127,7 @@ fn library_in(folder: &Path) -> Option<PathBuf> {
             || (name.starts_with("libonnxruntime") && name.ends_with(".dylib"))
             || name == "onnxruntime.dll"
     };
-    let mut found: Vec<PathBuf> =
-        std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
-    found.retain(names);
-    found.sort();
-    found.into_iter().next()
+    std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).filter(names).min()
 }
 
 /// Folders of the active Python's packages.

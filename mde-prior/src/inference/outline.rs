@@ -1,6 +1,6 @@
 //! What a graph shows of its network before it is loaded.
 
-use super::runtime::{proto, stated_sides};
+use super::runtime::{attribute, proto, stated_sides};
 use crate::prior::{FIELDS_OF_VIEW, INVERSE_DEPTHS};
 use crate::{Error, Result};
 use std::path::Path;
@@ -37,7 +37,8 @@ impl Outline {
         let outputs = graph.output.iter().map(|port| port.name.clone()).collect();
         let attends = graph.node.iter().any(|node| matches!(node.op_type.as_str(), "MatMul" | "Gemm"));
         let convolutions = || graph.node.iter().filter(|node| node.op_type == "Conv");
-        let depthwise = |node: &&NodeProto| kernel(node) == [3, 3] && groups(node) > 1;
+        let grouped = |node: &NodeProto| attribute(node, "group").is_some_and(|group| group.i > 1);
+        let depthwise = |node: &&NodeProto| kernel(node) == [3, 3] && grouped(node);
         let layers = (!attends).then(|| {
             let decoder = convolutions().filter(|node| kernel(node) == [5, 5]);
             (convolutions().filter(depthwise).count(), decoder.count())
@@ -77,10 +78,5 @@ fn fixed(port: &ValueInfoProto) -> Vec<i64> {
 }
 
 fn kernel(node: &NodeProto) -> &[i64] {
-    let sides = node.attribute.iter().find(|attribute| attribute.name == "kernel_shape");
-    sides.map_or(&[], |sides| &sides.ints)
-}
-
-fn groups(node: &NodeProto) -> i64 {
-    node.attribute.iter().find(|attribute| attribute.name == "group").map_or(1, |group| group.i)
+    attribute(node, "kernel_shape").map_or(&[], |sides| &sides.ints)
 }

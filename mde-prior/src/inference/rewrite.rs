@@ -11,7 +11,7 @@ use tract_onnx::pb::{AttributeProto, GraphProto, ModelProto, NodeProto, TensorPr
 use tract_onnx::prelude::*;
 use tract_onnx::tensor::load_tensor;
 
-use super::runtime::{inner_graphs, stated_sides};
+use super::runtime::{attribute, inner_graphs, stated_sides};
 
 const FLOAT: i32 = DataType::Float as i32;
 const FLOAT16: i32 = DataType::Float16 as i32;
@@ -81,7 +81,7 @@ fn replace(graph: &mut GraphProto, opset: i64) {
                 node.output.pop();
             }
         }
-        let mut steps = Steps::new(graph, &node);
+        let mut steps = Steps { output: node.output.first().cloned().unwrap_or_default(), graph };
         let done = match node.op_type.as_str() {
             "MatMul" if opset >= 10 => product_of_parts(&node, &by_output, &mut steps),
             "BatchNormalization" => training_statistics(&node, opset, &mut steps),
@@ -117,8 +117,7 @@ fn product_of_parts(
     let of_concat = |port: &&ValueInfoProto| port.name == *joined || concat.input.contains(&port.name);
     let sides = steps.graph.value_info.iter().filter(of_concat).find_map(stated_sides);
     let rank = sides.map_or(0, <[_]>::len) as i64;
-    let mut axes = concat.attribute.iter().filter(|attribute| attribute.name == "axis").map(|axis| axis.i);
-    let last_axis = axes.any(|axis| axis == -1 || axis == rank - 1);
+    let last_axis = attribute(concat, "axis").is_some_and(|axis| axis.i == -1 || axis.i == rank - 1);
     let expanded = |name: &String| by_output.get(name).filter(|from| from.op_type == "Expand")?.input.first();
     // The other part has all rows of the product.
     if !last_axis || expanded(first).is_some() == expanded(second).is_some() {
@@ -139,11 +138,10 @@ fn product_of_parts(
 /// and variance of each channel of `x`.
 fn training_statistics(node: &NodeProto, opset: i64, steps: &mut Steps<'_>) -> Option<()> {
     let [x, scale, shift, ..] = node.input.as_slice() else { return None };
-    let attribute = |name: &str| node.attribute.iter().find(|attribute| attribute.name == name);
-    if attribute("training_mode")?.i == 0 || node.output.len() > 1 {
+    if attribute(node, "training_mode")?.i == 0 || node.output.len() > 1 {
         return None;
     }
-    let epsilon = steps.constant("epsilon", attribute("epsilon").map_or(1e-5, |epsilon| epsilon.f));
+    let epsilon = steps.constant("epsilon", attribute(node, "epsilon").map_or(1e-5, |epsilon| epsilon.f));
     let axis = steps.number("axis", 0);
     let (name, r#type) = ("axes".to_owned(), AttributeType::Ints as i32);
     let axes = AttributeProto { name, r#type, ints: vec![0], ..AttributeProto::default() };
@@ -174,11 +172,7 @@ struct Steps<'g> {
     output: String,
 }
 
-impl<'g> Steps<'g> {
-    fn new(graph: &'g mut GraphProto, node: &NodeProto) -> Self {
-        Self { graph, output: node.output.first().cloned().unwrap_or_default() }
-    }
-
+impl Steps<'_> {
     /// Adds a node and returns the name of its output.
     fn add(&mut self, operator: &str, inputs: &[&str]) -> String {
         self.add_with(operator, inputs, Vec::new())
@@ -207,11 +201,8 @@ impl<'g> Steps<'g> {
 
     /// An integer as a vector of one side, and its name.
     fn number(&mut self, name: &str, value: i64) -> String {
-        let data_type = DataType::Int64 as i32;
-        self.weight(
-            name,
-            TensorProto { data_type, dims: vec![1], int64_data: vec![value], ..TensorProto::default() },
-        )
+        let (data_type, int64_data) = (DataType::Int64 as i32, vec![value]);
+        self.weight(name, TensorProto { data_type, dims: vec![1], int64_data, ..TensorProto::default() })
     }
 
     fn constant(&mut self, name: &str, value: f32) -> String {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use tract_onnx::pb::tensor_shape_proto::Dimension;
 use tract_onnx::pb::type_proto::Value;
-use tract_onnx::pb::{GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto};
+use tract_onnx::pb::{AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto};
 use tract_onnx::prelude::*;
 
 use crate::{Error, FileKind, Result, open};
@@ -47,6 +47,11 @@ pub(super) fn proto(path: &Path) -> Result<ModelProto> {
     proto.map_err(|e| {
         Error::malformed(path, format!("the ONNX model cannot be run ({}); copy it again", one_line(&e)))
     })
+}
+
+/// The attribute of a node with that name.
+pub(super) fn attribute<'n>(node: &'n NodeProto, name: &str) -> Option<&'n AttributeProto> {
+    node.attribute.iter().find(|attribute| attribute.name == name)
 }
 
 /// The graphs within a node.

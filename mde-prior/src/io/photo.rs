@@ -4,7 +4,6 @@ use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
 use exif::{Context, Exif, In, Tag};
-use image::metadata::Orientation;
 use image::{
     DynamicImage, ExtendedColorType, GrayImage, ImageDecoder as _, ImageEncoder as _, ImageFormat,
     ImageReader, Limits, RgbImage,
@@ -60,13 +59,8 @@ pub fn image_size(path: impl AsRef<Path>) -> Option<[usize; 2]> {
     let mut decoder = with_limits(reader).into_decoder().ok()?;
     let (width, height) = decoder.dimensions();
     check_image_size(width, height).ok()?;
-    let turned = matches!(
-        decoder.orientation().ok()?,
-        Orientation::Rotate90
-            | Orientation::Rotate270
-            | Orientation::Rotate90FlipH
-            | Orientation::Rotate270FlipH
-    );
+    // From 5 on EXIF's orientations swap the sides.
+    let turned = decoder.orientation().ok()?.to_exif() >= 5;
     let size = if turned { [height, width] } else { [width, height] };
     Some(size.map(|side| side as usize))
 }

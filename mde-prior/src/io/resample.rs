@@ -47,7 +47,14 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
         let from = line(row);
         out.iter_mut().zip(&columns).for_each(|(out, taps)| *out = taps.mean(&from));
     }
-    tall(&narrow, &rows, size.1)
+    let mut resized = vec![0.0_f32; size.0 * size.1];
+    for (out, Taps { first, weights }) in resized.chunks_exact_mut(size.1).zip(&rows) {
+        for (row, &weight) in narrow[first * size.1..].chunks_exact(size.1).zip(weights) {
+            out.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * v);
+        }
+    }
+    // There are as many values as that.
+    Array2::from_shape_vec(size, resized).unwrap_or_default()
 }
 
 /// Resizes an image `[height, width, channels]` to `(height, width)` without aliases.
@@ -58,21 +65,6 @@ pub fn shrink(image: ArrayView3<'_, f32>, (height, width): (usize, usize)) -> Ar
         to.assign(&resize(from, (height, width), Filter::BilinearAntialias));
     }
     small
-}
-
-/// The new rows, from rows that have the new width.
-fn tall(narrow: &[f32], rows: &[Taps], width: usize) -> Array2<f32> {
-    let mut resized = Vec::with_capacity(rows.len() * width);
-    for Taps { first, weights } in rows {
-        let from = &narrow[first * width..];
-        let begin = resized.len();
-        resized.resize(begin + width, 0.0);
-        for (row, &weight) in from.chunks_exact(width).zip(weights) {
-            resized[begin..].iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * v);
-        }
-    }
-    // There are as many values as that.
-    Array2::from_shape_vec((rows.len(), width), resized).unwrap_or_default()
 }
 
 /// A row as a slice, copied only where its values do not lie side by side.

@@ -78,14 +78,10 @@ impl DisparityRule {
     }
 
     /// The disparities of `far` and `near`: quantiles, or the extremes where these coincide.
-    pub(crate) fn ends(
-        &self,
-        disparity: ArrayView2<'_, f32>,
-        valid: ArrayView2<'_, bool>,
-    ) -> Result<(f64, f64)> {
-        self.check(disparity, valid)?;
-        let mut values: Vec<f32> =
-            disparity.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite()).map(|(d, _)| *d).collect();
+    pub(crate) fn ends(&self, map: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<(f64, f64)> {
+        self.check(map, valid)?;
+        let known = map.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite());
+        let mut values: Vec<f32> = known.map(|(d, _)| *d).collect();
         values.sort_unstable_by(f32::total_cmp);
         let ends = [self.low, self.high, 0.0, 1.0].map(|share| quantile_sorted(&values, share));
         let [Some(lo), Some(hi), Some(least), Some(most)] = ends else {

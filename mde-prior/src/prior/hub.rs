@@ -5,7 +5,7 @@ use super::spec::{Aspect, ModelSpec, text_of};
 use crate::resample::Filter;
 use crate::{DepthKind, Error, Result};
 use serde::Deserialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// `config.json`, as far as it decides the meaning of the output.
 #[derive(Deserialize)]
@@ -45,9 +45,7 @@ impl ModelSpec {
     /// # Errors
     /// [`Error::Read`], or [`Error::Malformed`] that names the file and the ways around it.
     pub fn of_hub(model: impl AsRef<Path>) -> Result<Option<Self>> {
-        let folder = model.as_ref().parent().map_or_else(PathBuf::new, Path::to_owned);
-        let folders = [Some(folder.as_path()), folder.parent()];
-        for folder in folders.into_iter().flatten() {
+        for folder in model.as_ref().ancestors().skip(1).take(2) {
             let Some(config) = read::<Model>(&folder.join("config.json"))? else { continue };
             if let Some(usual) = usual(&config) {
                 let preprocessor = read(&folder.join("preprocessor_config.json"))?;
@@ -76,9 +74,8 @@ fn usual(model: &Model) -> Option<ModelSpec> {
     Some(ModelSpec { output, ..ModelSpec::profile(profile).ok()? })
 }
 
-fn described(usual: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec {
-    let Some(given) = preprocessor else { return usual };
-    let mut spec = usual;
+fn described(mut spec: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec {
+    let Some(given) = preprocessor else { return spec };
     match given.size {
         Some(Size::Both(side)) => (spec.height, spec.width) = (side, side),
         Some(Size::Each { height, width }) => (spec.height, spec.width) = (height, width),

@@ -19,9 +19,7 @@ pub use file::FilePrior;
 #[cfg(feature = "onnx")]
 pub(crate) use profiles::{FIELDS_OF_VIEW, IMAGENET, INVERSE_DEPTHS};
 
-/// A monocular depth estimator.
-///
-/// The trait is object-safe: pipelines take `&dyn DepthPrior`.
+/// A monocular depth estimator; pipelines take `&dyn DepthPrior`.
 pub trait DepthPrior: Sync {
     /// Predicts the depth of `image`, `[height, width, 3]`, sRGB values in `[0, 1]`; the result has the image's size.
     ///
@@ -96,12 +94,9 @@ impl std::str::FromStr for DepthKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let kinds = [Self::Metric, Self::RelativeDepth, Self::AffineDisparity];
-        kinds.into_iter().find(|kind| kind.to_string() == name).ok_or_else(|| Error::Config {
-            field: "kind",
-            value: format!("{name:?}"),
-            remedy: "give metric, depth or disparity",
-        })
+        let (value, remedy) = (format!("{name:?}"), "give metric, depth or disparity");
+        let mut kinds = [Self::Metric, Self::RelativeDepth, Self::AffineDisparity].into_iter();
+        kinds.find(|kind| kind.to_string() == name).ok_or(Error::Config { field: "kind", value, remedy })
     }
 }
 

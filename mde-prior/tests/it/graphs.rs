@@ -191,12 +191,10 @@ fn sixteen_bits_are_widened() {
 fn what_no_machine_can_compute_is_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let convolution = |pads: i64| {
-        network(
-            17,
-            vec![node("Conv", &["image", "k"], "depth", &[("pads", &[pads; 4])])],
-            vec![floats("k", &[1, 3, 1, 1], &[1.0; 3])],
-        )
+        let node = node("Conv", &["image", "k"], "depth", &[("pads", &[pads; 4])]);
+        network(17, vec![node], vec![floats("k", &[1, 3, 1, 1], &[1.0; 3])])
     };
+    let transposed = vec![node("Transpose", &["image"], "depth", &[("perm", &[0, 1, 2, 2])])];
     let filled = vec![
         node("ConstantOfShape", &["sides"], "filled", &[]),
         node("ReduceMax", &["filled"], "most", &[("keepdims", &[0])]),
@@ -211,10 +209,7 @@ fn what_no_machine_can_compute_is_refused_at_once() {
         (convolution(1 << 20), "GiB"),
         (convolution(1 << 31), "pads is 2147483648"),
         (convolution(i64::MAX), "pads is"),
-        (
-            network(17, vec![node("Transpose", &["image"], "depth", &[("perm", &[0, 1, 2, 2])])], vec![]),
-            "perm is",
-        ),
+        (network(17, transposed, vec![]), "perm is"),
         (network(17, filled, vec![integers("sides", &[1 << 11, 1 << 20])]), "filled computes a tensor"),
         (network(17, chain, vec![]), "a chain of"),
     ];

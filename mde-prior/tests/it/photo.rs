@@ -17,27 +17,19 @@ fn encode(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
 /// A JPEG with an EXIF segment: orientation, and the 35 mm focal length in the EXIF directory.
 fn jpeg_with_exif(image: &DynamicImage, orientation: u16, focal: u16) -> Vec<u8> {
     let jpeg = encode(image, ImageFormat::Jpeg);
-    let entry = |tag: u16, kind: u16, value: u16| {
-        [&tag.to_be_bytes()[..], &kind.to_be_bytes(), &1_u32.to_be_bytes(), &value.to_be_bytes(), &[0, 0]]
-            .concat()
+    let entry = |tag: u16, kind: u16, value: u32| {
+        [&tag.to_be_bytes()[..], &kind.to_be_bytes(), &1_u32.to_be_bytes(), &value.to_be_bytes()].concat()
     };
+    // The first two of its four bytes.
+    let short = |tag: u16, value: u16| entry(tag, 3, u32::from(value) << 16);
     let mut tiff = b"MM\0\x2a\0\0\0\x08\0\x02".to_vec();
-    tiff.extend(entry(0x0112, 3, orientation));
-    tiff.extend(
-        [&0x8769_u16.to_be_bytes()[..], &4_u16.to_be_bytes(), &1_u32.to_be_bytes(), &38_u32.to_be_bytes()]
-            .concat(),
-    );
+    tiff.extend(short(0x0112, orientation));
+    tiff.extend(entry(0x8769, 4, 38));
+    tiff.extend([0, 0, 0, 0, 0, 1]);
+    tiff.extend(short(0xa405, focal));
     tiff.extend([0; 4]);
-    tiff.extend([0, 1]);
-    tiff.extend(entry(0xa405, 3, focal));
-    tiff.extend([0; 4]);
-    let mut file = jpeg[..2].to_vec();
-    file.extend([0xff, 0xe1]);
-    file.extend((tiff.len() as u16 + 8).to_be_bytes());
-    file.extend(b"Exif\0\0");
-    file.extend(tiff);
-    file.extend(&jpeg[2..]);
-    file
+    let length = (tiff.len() as u16 + 8).to_be_bytes();
+    [&jpeg[..2], &[0xff, 0xe1], &length, b"Exif\0\0", &tiff, &jpeg[2..]].concat()
 }
 
 proptest! {

@@ -12,17 +12,14 @@ use std::sync::atomic::{AtomicI32, Ordering};
 const FILTERS: [Filter; 4] =
     [Filter::Bilinear, Filter::BilinearAlignCorners, Filter::BilinearAntialias, Filter::Bicubic];
 
-fn row(values: Vec<f32>) -> Array2<f32> {
-    Array2::from_shape_vec((1, values.len()), values).unwrap()
-}
-
 fn rules() -> impl Strategy<Value = DisparityRule> {
     (0.01_f64..10.0, 1.01_f64..100.0, 0.0_f64..0.4, 0.6_f64..=1.0)
         .prop_map(|(near, ratio, low, high)| DisparityRule { near, far: near * ratio, low, high })
 }
 
 fn depth(values: Vec<f32>, rule: &DisparityRule) -> Vec<f32> {
-    let map = PriorDepth::from_values(row(values), DepthKind::AffineDisparity).unwrap();
+    let row = Array2::from_shape_vec((1, values.len()), values).unwrap();
+    let map = PriorDepth::from_values(row, DepthKind::AffineDisparity).unwrap();
     map.to_depth(rule).unwrap().into_raw_vec_and_offset().0
 }
 

@@ -13,7 +13,7 @@ use inputs::Inputs;
 pub(crate) use inputs::{Arguments, Camera, is_capture, rigid};
 use mde_cli::error::{Error, Result};
 use mde_cli::mde_nerf::FieldEvent;
-use mde_cli::mde_warp::Pose;
+use mde_cli::mde_warp::{Pose, matrix_rows};
 use mde_cli::output::every::{EveryRecord, PhotographRow};
 use mde_cli::output::names::folders;
 use mde_cli::output::record::{TrainingCurve, follow};
@@ -63,9 +63,8 @@ pub(crate) fn refine<'py>(
     for (outcome, pose) in outcomes {
         results.push(outcome.into_dict(py)?);
         poses.push(pose.map(|pose| {
-            let (rows, q, t) = (pose.to_homogeneous(), pose.rotation, pose.translation);
-            let rows: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|c| rows[(row, c)]));
-            ([q.w, q.i, q.j, q.k, t.x, t.y, t.z], rows)
+            let (q, t) = (pose.rotation, pose.translation);
+            ([q.w, q.i, q.j, q.k, t.x, t.y, t.z], matrix_rows(&pose))
         }));
     }
     let parts = PyDict::new(py);

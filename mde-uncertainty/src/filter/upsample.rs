@@ -70,10 +70,8 @@ impl<'g> JointUpsampling<'g> {
         let (Some((rows, columns)), Some((height, width))) = (size(self.small), size(self.large)) else {
             return Ok(());
         };
-        for map in maps {
-            if map.dim() != (rows, columns) {
-                return Err(Error::Size { what: "the map", found: map.dim(), expected: (rows, columns) });
-            }
+        if let Some(map) = maps.iter().find(|map| map.dim() != (rows, columns)) {
+            return Err(Error::Size { what: "the map", found: map.dim(), expected: (rows, columns) });
         }
         if let Some(row) = out.iter().find(|row| row.len() != width) {
             return Err(Error::Size { what: "the row", found: (1, row.len()), expected: (1, width) });
@@ -103,11 +101,10 @@ impl<'g> JointUpsampling<'g> {
                 for (weights, row) in weights.iter().zip(map) {
                     let values = values(row, at);
                     // Without a branch, for vector registers.
-                    let known: [bool; TAPS] =
-                        std::array::from_fn(|i| values[i] > 0.0 && values[i] <= f32::MAX);
-                    let weights: [f32; TAPS] =
-                        std::array::from_fn(|i| if known[i] { weights[i] } else { 0.0 });
-                    let values: [f32; TAPS] = std::array::from_fn(|i| if known[i] { values[i] } else { 0.0 });
+                    let known = values.map(|value| value > 0.0 && value <= f32::MAX);
+                    let or_0 = |i: usize, value: f32| if known[i] { value } else { 0.0 };
+                    let weights: [f32; TAPS] = std::array::from_fn(|i| or_0(i, weights[i]));
+                    let values: [f32; TAPS] = std::array::from_fn(|i| or_0(i, values[i]));
                     sums = std::array::from_fn(|i| sums[i] + weights[i] * values[i]);
                     totals = std::array::from_fn(|i| totals[i] + weights[i]);
                 }

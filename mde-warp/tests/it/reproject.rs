@@ -16,12 +16,9 @@ fn to(depth: &GaussianDepth, camera: &PinholeCamera, target: &Pose) -> GaussianD
 
 /// The known pixels of a map: `(row, column)`, mean, variance.
 fn known(map: &GaussianDepth) -> impl Iterator<Item = ((usize, usize), f64, f64)> {
-    map.mean().to_owned().into_iter().zip(map.variance().to_owned()).enumerate().filter_map(
-        |(i, (mean, variance))| {
-            let at = (i / map.dim().1, i % map.dim().1);
-            variance.is_finite().then_some((at, f64::from(mean), f64::from(variance)))
-        },
-    )
+    let (height, width) = map.dim();
+    let pixels = (0..height * width).map(move |i| (i / width, i % width));
+    pixels.filter_map(|at| map.get(at.0, at.1).map(|(mean, variance)| (at, mean.into(), variance.into())))
 }
 
 /// Where a target pixel's point lies in the source camera (at the origin): column, row and z.

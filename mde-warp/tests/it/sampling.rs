@@ -4,14 +4,13 @@ use mde_warp::{ViewSampling, sample_poses};
 use proptest::prelude::*;
 
 fn sampling() -> impl Strategy<Value = ViewSampling> {
-    (0..40_usize, 0.001..0.1_f64, 0.0..10.0_f64, 0.0..=0.5_f64).prop_map(
-        |(count, translation, rotation_degrees, rotation_only)| ViewSampling {
-            count,
-            translation,
-            rotation_degrees,
-            rotation_only,
-        },
-    )
+    let ranges = (0..40_usize, 0.001..0.1_f64, 0.0..10.0_f64, 0.0..=0.5_f64);
+    ranges.prop_map(|(count, translation, rotation_degrees, rotation_only)| ViewSampling {
+        count,
+        translation,
+        rotation_degrees,
+        rotation_only,
+    })
 }
 
 proptest! {

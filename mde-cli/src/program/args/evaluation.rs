@@ -2,7 +2,7 @@
 
 use crate::config::Preset;
 use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, grid, size};
-use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs};
+use crate::program::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind, Shard};
@@ -36,13 +36,8 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) pixels: PixelArgs,
     /// Methods to compare with the prior, separated by commas
-    #[arg(
-        long,
-        value_name = "NAMES",
-        value_delimiter = ',',
-        default_value = "default",
-        help_heading = "Methods"
-    )]
+    #[arg(long, help_heading = "Methods", value_name = "NAMES")]
+    #[arg(value_delimiter = ',', default_value = "default")]
     pub(crate) methods: Vec<String>,
     /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Methods")]

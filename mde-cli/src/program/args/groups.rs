@@ -5,9 +5,8 @@ use crate::output::export::Format;
 use crate::program::args::values::{
     KINDS, PRESETS, UNITS, choice, depth_range, focal, formats, positive, probability,
 };
-use crate::refiner::finish::Unit;
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::scene::size::Sizes;
+use crate::refiner::{MemoryLimit, Unit};
+use crate::scene::Sizes;
 use clap::Args;
 use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;

@@ -4,14 +4,8 @@ mod evaluation;
 mod groups;
 mod values;
 
-pub(crate) use evaluation::{
-    AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
-    PixelArgs, ScoreMapsArgs, Simulated, Withheld,
-};
-pub(crate) use groups::{
-    CameraArgs, MemoryArgs, NetworkArgs, PresetArgs, PriorArgs, RefinementArgs, ResultArgs, RunArgs,
-    SettingsArgs, SizeArgs,
-};
+pub(crate) use evaluation::*;
+pub(crate) use groups::*;
 
 use crate::config::Preset;
 use crate::program::args::values::{KINDS, PRESETS, choice, formats, size, triple};
@@ -321,14 +315,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, help_heading = "Path", value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) orbit: Option<u16>,
     /// Radius of the circle, as a fraction of the median depth
-    #[arg(
-        long,
-        help_heading = "Path",
-        value_name = "X",
-        requires = "orbit",
-        conflicts_with = "translate",
-        default_value_t = 0.03
-    )]
+    #[arg(long, help_heading = "Path", value_name = "X", default_value_t = 0.03)]
+    #[arg(requires = "orbit", conflicts_with = "translate")]
     pub(crate) radius: f64,
     /// One view from a camera moved by X,Y,Z, in the prior's unit (x right, y down, z forward)
     #[arg(long, help_heading = "Path", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]

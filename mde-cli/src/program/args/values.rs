@@ -2,7 +2,7 @@
 
 use crate::config::Preset;
 use crate::output::export::{FORMATS, Format};
-use crate::refiner::finish::Unit;
+use crate::refiner::Unit;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::CaptureGrid;

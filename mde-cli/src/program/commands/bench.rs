@@ -1,6 +1,4 @@
-use crate::program::args::BenchArgs;
-use crate::program::provenance::peak_memory;
-use crate::program::terminal::print;
+use crate::program::{BenchArgs, number, peak_memory, print};
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::Table;
 use mde_nerf::NerfConfig;
@@ -137,16 +135,15 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
 
 fn lines(threads: usize, ceilings: &Ceilings, rows: &[Row], memory: Option<u64>) -> String {
     let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = ceilings;
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0}"));
     let rows = rows.iter().map(|row| {
         vec![
             row.field.to_owned(),
             row.stage.to_owned(),
             row.threads.to_string(),
             format!("{:.2}", row.samples_per_second * 1e-6),
-            number(row.gflops),
-            number(row.share_of_peak.map(|share| 100.0 * share)),
-            number(row.gbytes_per_second),
+            number(row.gflops, 0),
+            number(row.share_of_peak.map(|share| 100.0 * share), 0),
+            number(row.gbytes_per_second, 0),
         ]
     });
     let heads = ["field", "stage", "threads", "Msamples/s", "GFLOP/s", "of peak, %", "GB/s"];
@@ -155,6 +152,6 @@ fn lines(threads: usize, ceilings: &Ceilings, rows: &[Row], memory: Option<u64>)
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {threads}; random lines of 8 MiB: \
          {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{}\n\npeak memory: {} MiB\n",
         Table::new(2, heads, rows).text(),
-        number(memory)
+        number(memory, 0)
     )
 }

@@ -1,17 +1,12 @@
 //! `mde demo`: a procedural room with exact depth, photographed several times or once.
 
 use crate::config::{Config, Preset};
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::DemoArgs;
-use crate::program::job::Job;
-use crate::program::open::settings::all_settings;
-use crate::program::open::truth::Truth;
-use crate::program::progress::Progress;
-use crate::program::store::folder::OutputFolder;
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
+use crate::program::open::all_settings;
+use crate::program::store::OutputFolder;
+use crate::program::{DemoArgs, Job, Progress, Truth};
 use crate::refiner::Refiner;
-use crate::scene::camera::{CameraSource, KnownCamera};
-use crate::scene::{Photograph, Scene};
+use crate::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use anyhow::Result;
 use mde_eval::capture::CapturedView;
 use mde_eval::scene::{CaptureConfig, Room, World, room};
@@ -20,9 +15,7 @@ use mde_prior::{DepthKind, DepthPrior};
 use ndarray::Array2;
 use std::path::Path;
 
-/// The room of every demo.
 const ROOM: Room = Room::Study;
-/// Photographs that are refined with.
 const USED: usize = 5;
 /// With one more, which only the report shows beside what the field renders.
 const VIEWS: usize = USED + 1;

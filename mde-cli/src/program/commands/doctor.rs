@@ -3,10 +3,8 @@
 use crate::config::Preset;
 use crate::output::record::versions;
 use crate::prior::OpenPrior;
-use crate::program::args::{DoctorArgs, NetworkArgs};
-use crate::program::error::message;
 use crate::program::open::prior;
-use crate::program::terminal::{columns, line_of, visible};
+use crate::program::{DoctorArgs, NetworkArgs, columns, line_of, message, visible};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};

@@ -1,13 +1,10 @@
 //! `mde eval`, `mde ablate` and `mde calibrate`.
 
 use crate::config::Config;
-use crate::program::args::{AblateArgs, CalibrateArgs, CaptureArgs, EvalArgs};
 use crate::program::evaluation::ablation::FULL;
-use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::runner::{Evaluation, Request};
-use crate::program::evaluation::{ablation, results};
-use crate::program::open::settings::overridden;
-use crate::program::progress::Progress;
+use crate::program::evaluation::{Evaluation, Method, PRIOR, Request, ablation, results};
+use crate::program::open::overridden;
+use crate::program::{AblateArgs, CalibrateArgs, CaptureArgs, EvalArgs, Progress};
 use crate::refiner::calibration::fingerprint;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::statistics::Bootstrap;
@@ -15,10 +12,8 @@ use mde_eval::table::Summary;
 use mde_uncertainty::calibration::{Calibration, CalibrationSource};
 use serde_json::json;
 
-/// The calibration file in the folder of the evaluation.
 const CALIBRATION: &str = "calibration.toml";
 
-/// `mde eval`.
 pub(super) fn eval(args: &EvalArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let methods = Method::parse_list(&args.methods, args.seed)?;
@@ -39,7 +34,6 @@ pub(super) fn eval(args: &EvalArgs) -> Result<()> {
     results::finish(evaluation.results(PRIOR, entries, failures), &evaluation.store, &mut progress)
 }
 
-/// `mde ablate`.
 pub(super) fn ablate(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let base = overridden(args.preset, &args.config)?;
@@ -81,20 +75,15 @@ fn variants(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
             known.join(", ")
         );
     }
+    let is_wanted = |row| args.rows.is_empty() || row == FULL || args.rows.iter().any(|name| name == row);
     let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
     for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
-        for row in ablation::rows(base) {
-            let wanted =
-                args.rows.is_empty() || row.name == FULL || args.rows.iter().any(|name| name == row.name);
-            if wanted {
-                methods.push(Method::variant(row.name, row.config(base), row.control(), seed));
-            }
-        }
+        let chosen = ablation::rows(base).filter(|row| is_wanted(row.name));
+        methods.extend(chosen.map(|row| Method::variant(row.name, row.config(base), row.control(), seed)));
     }
     Ok(methods)
 }
 
-/// `mde calibrate`.
 pub(super) fn calibrate(args: &CalibrateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     let methods = Method::parse_list(std::slice::from_ref(&args.method), None)?;
@@ -110,23 +99,18 @@ pub(super) fn calibrate(args: &CalibrateArgs) -> Result<()> {
     };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (entries, failures) = evaluation.run(&mut progress)?;
-    let scenes: Vec<_> = entries
-        .iter()
-        .filter(|entry| entry.method == name)
-        .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
-        .collect();
-    let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
-    let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
-    let (data, prior, alignment) = (
-        evaluation.source.title.clone(),
-        evaluation.prior.title.clone(),
-        evaluation.scoring.alignment_note(),
-    );
+    let (mut scenes, mut scales) = (Vec::new(), Vec::new());
+    for entry in entries.iter().filter(|entry| entry.method == name) {
+        let Some(curves) = &entry.curves else { continue };
+        scenes.push((entry.scene.clone(), curves.abs_z_quantiles.clone()));
+        scales.extend(entry.values.get("alignment_scale"));
+    }
     let path = evaluation.store.root.join(CALIBRATION);
     let calibrated = !scenes.is_empty();
     if calibrated {
-        let source = CalibrationSource { method: name, data, prior, alignment };
         let (prior, hash) = (&evaluation.prior, evaluation.prior.model_hash());
+        let (data, alignment) = (evaluation.source.title.clone(), evaluation.scoring.alignment_note());
+        let source = CalibrationSource { method: name, data, prior: prior.title.clone(), alignment };
         let made_for = fingerprint(&config, prior.accepts_new_images(), several, hash)?;
         let mut calibration = Calibration::fit(source, made_for, scenes)?;
         if prior.is_metric() {

@@ -1,16 +1,12 @@
 //! `mde poses`: the poses of photographs.
 
 use crate::config::Preset;
-use crate::program::args::PosesArgs;
-use crate::program::open::photographs::existing;
-use crate::program::open::prior;
-use crate::program::open::scene::{size, unposed};
-use crate::program::open::settings::{limit, sizes};
-use crate::program::progress::Progress;
-use crate::program::store::folder::{NewFolder, check_new_file};
-use crate::program::terminal::line_of;
+use crate::program::open::scene::size;
+use crate::program::open::{Opener, existing, limit, prior, sizes};
+use crate::program::store::{NewFolder, check_new_file};
+use crate::program::{PosesArgs, Progress, line_of, number};
 use crate::refiner::{Refiner, Settings};
-use crate::reports::capture::CaptureReport;
+use crate::reports::CaptureReport;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, relative_path, transforms_json};
@@ -39,7 +35,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let _made = NewFolder::make(folder)?;
     // Names are checked before the work.
     paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;
-    let (scene, plan, paths) = unposed(&refiner, &args.camera, "PHOTO", None, paths, &mut progress)?;
+    let mut opener = Opener { refiner: &refiner, camera: &args.camera, progress: &mut progress };
+    let (scene, plan, paths) = opener.unposed("PHOTO", None, paths)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();
@@ -68,11 +65,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     Ok(())
 }
 
-/// One row per photograph.
 fn table(report: &CaptureReport) -> Table {
     let heads = ["photograph", "verdict", "rotation, degrees", "baseline / depth", "matches"];
-    let number =
-        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let rows = report.photographs.iter().map(|photograph| {
         vec![
             photograph.name.clone(),

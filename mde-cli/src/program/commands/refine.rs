@@ -1,21 +1,14 @@
 //! `mde refine` and `mde dense`.
 
 use crate::config::Preset;
-use crate::program::args::{DenseArgs, RefineArgs};
-use crate::program::error::Partial;
-use crate::program::job::Job;
 use crate::program::many::{self, every};
-use crate::program::open::settings::refinement_settings;
-use crate::program::open::truth::Truth;
-use crate::program::open::{photographs, prior, scene};
-use crate::program::progress::Progress;
-use crate::program::store::folder::OutputFolder;
-use crate::program::terminal::line_of;
+use crate::program::open::{Opener, photographs, prior, refinement_settings};
+use crate::program::store::OutputFolder;
+use crate::program::{DenseArgs, Job, Partial, Progress, RefineArgs, Truth, line_of};
 use crate::refiner::Refiner;
-use crate::scene::known::KnownDepths;
+use crate::scene::KnownDepths;
 use anyhow::{Result, ensure};
 
-/// `mde refine`.
 pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     if photographs::are_many(&args.photographs()) || args.shard.is_some() {
@@ -30,16 +23,16 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     let prior = prior::open(&args.common.prior, !args.views.is_empty())?;
     let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, usual)?)?;
+    let mut opener = Opener { refiner: &refiner, camera: &args.common.camera, progress: &mut progress };
     let (mut scene, plan) = match args.views.is_empty() {
-        false => {
-            scene::several(&refiner, &args.common.camera, Some(&args.image), &args.views, &mut progress)?
-        }
-        true => scene::one(&refiner, &args.common.camera, &args.image, false, &mut progress)?,
+        false => opener.several(Some(&args.image), &args.views)?,
+        true => opener.one(&args.image, false)?,
     };
     let input = args.image.display().to_string();
     let reference = &scene.photographs[scene.reference];
     let original = reference.original;
-    let truth = Truth::open(args.gt.as_deref(), original, reference.of_results())?;
+    let truth =
+        args.gt.as_deref().map(|path| Truth::open(path, original, reference.of_results())).transpose()?;
     if let Some(path) = &args.scale_from {
         scene.known = Some(KnownDepths::open(path, &args.image, original)?);
     }
@@ -55,7 +48,6 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     unused.map_or(Ok(()), |reason| Err(Partial::Views { reason, folder }.into()))
 }
 
-/// `mde dense`.
 pub(super) fn dense(args: &DenseArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
     ensure!(
@@ -67,7 +59,8 @@ pub(super) fn dense(args: &DenseArgs) -> Result<()> {
     let prior = prior::open(&args.common.prior, true)?;
     let capture = std::slice::from_ref(&args.capture);
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
-    let (scene, plan) = scene::several(&refiner, &args.common.camera, None, capture, &mut progress)?;
+    let mut opener = Opener { refiner: &refiner, camera: &args.common.camera, progress: &mut progress };
+    let (scene, plan) = opener.several(None, capture)?;
     let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
     every::run(&job, &scene, &plan, args, &output, &mut progress)

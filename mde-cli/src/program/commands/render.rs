@@ -1,14 +1,9 @@
 use crate::output::preview::depth_picture;
-use crate::program::args::RenderArgs;
-use crate::program::interrupt;
-use crate::program::open::settings::{camera, limit};
-use crate::program::progress::Progress;
-use crate::program::provenance::{about, write_record};
-use crate::program::store::folder::OutputFolder;
-use crate::program::terminal::line_of;
-use crate::refinement::event::Event;
-use crate::refiner::Observer;
-use crate::refiner::plan::render_bytes;
+use crate::program::open::{camera, limit};
+use crate::program::store::OutputFolder;
+use crate::program::{Progress, RenderArgs, about, interrupt, line_of, write_record};
+use crate::refinement::Event;
+use crate::refiner::{Observer, render_bytes};
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::Document;
 use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
@@ -54,9 +49,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         for (index, (view, pose)) in views.iter().zip(&poses).enumerate() {
             let number = if poses.len() == 1 { String::new() } else { format!("_{index:03}") };
             write_view(path, &number, view, &png)?;
-            records.push(
-                json!({ "colour": format!("colour{number}.png"), "world_to_camera": matrix_rows(pose) }),
-            );
+            let colour = format!("colour{number}.png");
+            records.push(json!({ "colour": colour, "world_to_camera": matrix_rows(pose) }));
         }
         let about = about("render", args.field.display().to_string(), &camera, None, &progress);
         write_record(path, about, json!({ "png_scale": png.scale, "views": records }))
@@ -91,7 +85,6 @@ fn poses(args: &RenderArgs, field: &Nerf, camera: &PinholeCamera) -> Result<Vec<
     }
 }
 
-/// The field's median depth as seen from the original camera.
 fn middle(field: &Nerf, camera: &PinholeCamera) -> Result<f64> {
     let height = (PROBE * camera.height).div_ceil(camera.width).clamp(1, 4 * PROBE);
     let mut listen = |_: &FieldEvent| interrupt::flow();

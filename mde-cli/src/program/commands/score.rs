@@ -1,24 +1,18 @@
 //! `mde score`: depth maps of any program.
 
-use crate::prior::files::read_options;
-use crate::program::args::ScoreMapsArgs;
-use crate::program::evaluation::results;
+use crate::prior::read_options;
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::scoring::Scoring;
-use crate::program::evaluation::store::Store;
-use crate::program::interrupt;
-use crate::program::open::settings::limit;
-use crate::program::progress::Progress;
-use crate::refiner::Observer;
-use crate::refiner::plan::SceneMemory;
-use anyhow::{Context, Result, bail, ensure};
+use crate::program::evaluation::{Scoring, Store, results};
+use crate::program::open::limit;
+use crate::program::{Progress, ScoreMapsArgs, interrupt};
+use crate::refiner::{Observer, SceneMemory};
+use anyhow::{Context, Result, ensure};
 use mde_eval::data::{MapPair, map_pairs};
 use mde_eval::score::{Subject, score};
 use mde_eval::table::{Entry, Failure};
 use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::json;
 
-/// The name of the maps in the tables.
 const MAPS: &str = "maps";
 
 pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
@@ -42,9 +36,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     let store = Store::open(&args.run.output(pred, "-score"), &record, args.run.force, false)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
-        if interrupt::requested() {
-            bail!(crate::error::Error::Interrupted);
-        }
+        ensure!(!interrupt::requested(), crate::error::Error::Interrupted);
         match entry(pair, args, &scoring) {
             Ok(entry) => entries.push(entry),
             Err(error) => {

@@ -2,13 +2,9 @@
 
 use crate::config::Preset;
 use crate::output::preview::contact_sheet;
-use crate::program::args::WarpArgs;
-use crate::program::open::settings::{settings, sizes};
-use crate::program::open::{prior, scene};
-use crate::program::progress::Progress;
-use crate::program::provenance::{about, write_json, write_record};
-use crate::program::store::folder::OutputFolder;
-use crate::program::terminal::line_of;
+use crate::program::open::{Opener, prior, settings, sizes};
+use crate::program::store::OutputFolder;
+use crate::program::{Progress, WarpArgs, about, line_of, write_json, write_record};
 use crate::refiner::Refiner;
 use anyhow::Result;
 use mde_eval::table::Document;
@@ -27,7 +23,8 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     settings.sizes = sizes(&args.size);
     let refiner = Refiner::new(&prior, settings)?;
     // Views are not brought back to a larger size.
-    let (scene, plan) = scene::one(&refiner, &args.camera, &args.image, true, &mut progress)?;
+    let (scene, plan) =
+        Opener { refiner: &refiner, camera: &args.camera, progress: &mut progress }.one(&args.image, true)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     progress.step("warp");
     let (views, warp) = prepared.synthetic_views()?;

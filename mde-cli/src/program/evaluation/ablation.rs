@@ -1,7 +1,7 @@
 //! The rows of `mde ablate`: the paper's Table II, controls without a NeRF, and remedies.
 
 use crate::config::{Config, IterationPrior};
-use crate::program::evaluation::method::PRIOR;
+use crate::program::evaluation::PRIOR;
 use mde_eval::table::{Block, Summary, Table};
 use mde_fusion::{Aggregation, Calibration, Fusion, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;

@@ -1,6 +1,6 @@
 //! Fields of an evaluation: one that the methods of a scene share, and a filter in the place of one.
 
-use crate::program::workers::lock;
+use crate::program::lock;
 use mde_eval::{Method, Task};
 use mde_nerf::{
     Error, FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView, Result,

@@ -2,17 +2,14 @@
 
 use crate::config::{Config, MultiViewConfig, Preset};
 use crate::prior::{OpenPrior, hash_files};
-use crate::program::evaluation::fields::{FieldMemory, FilteredField, Remembered};
-use crate::program::evaluation::scenes::depth_file;
-use crate::program::progress::Progress;
-use crate::program::store::folder::files_in;
-use crate::refinement::stages::{FieldFactory, FieldRequest};
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::{Prepared, Refiner, Settings, Unit};
+use crate::program::Progress;
+use crate::program::evaluation::{FieldMemory, FilteredField, Remembered, depth_file};
+use crate::program::store::files_in;
+use crate::refinement::{FieldFactory, FieldRequest};
+use crate::refiner::{MemoryLimit, Prepared, Refiner, Settings, Unit};
 use crate::scene::Scene;
 use anyhow::{Context, Result, ensure};
-use mde_eval::baseline;
-use mde_eval::{Method as Baseline, Refined, Task};
+use mde_eval::{Method as Baseline, Refined, Task, baseline};
 use mde_nerf::RadianceField;
 use mde_prior::DisparityRule;
 use mde_prior::format::{ReadOptions, read_depth};
@@ -51,8 +48,7 @@ const CONSENSUS: &str = "consensus";
 const FIELD: &str = "field";
 
 impl Method {
-    /// Parses the name of a preset or a baseline, the path of a TOML file over `default` or the preset before a colon, or the name and the
-    /// folder of another program's maps.
+    /// Parses the name of a preset or a baseline, `[PRESET:]FILE.toml` over that preset or `default`, or `NAME=FOLDER` of other maps.
     pub(crate) fn parse(text: &str, seed: Option<u64>) -> Result<Self> {
         let named = |name: &str| match name {
             FIELD => Some(Preset::MultiView),
@@ -127,7 +123,6 @@ impl Method {
         }
     }
 
-    /// Whether it refines several photographs.
     pub(crate) fn is_of_photographs(&self) -> bool {
         matches!(self.kind, Kind::Loop { several: true, .. })
     }
@@ -161,10 +156,8 @@ impl Method {
             }
             Kind::Loop { config, several: true, .. } => scene.refined(config, scene.photographs, None),
             Kind::Loop { config, control, .. } => {
-                let control: Option<Arc<dyn Baseline + Send + Sync>> = match control {
-                    Some(control) => Some(baseline::named(control)?.into()),
-                    None => None,
-                };
+                let control = control.map(baseline::named).transpose()?;
+                let control: Option<Arc<dyn Baseline + Send + Sync>> = control.map(Arc::from);
                 let mut factory =
                     |request: FieldRequest<'_>| -> crate::error::Result<Box<dyn RadianceField>> {
                         let (config, seed) = (request.config.clone(), request.seed);

@@ -1,13 +1,9 @@
 //! Tables, figures and the exit code.
 
 use crate::output::record::versions;
-use crate::program::error::partial;
-use crate::program::evaluation::store::Store;
-use crate::program::progress::Progress;
-use crate::program::provenance::{command_line, write_json};
-use crate::program::report;
+use crate::program::evaluation::Store;
 use crate::program::report::FIGURES;
-use crate::program::terminal::line_of;
+use crate::program::{Progress, command_line, line_of, partial, report, write_json};
 use anyhow::{Context, Result, bail};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
@@ -18,7 +14,6 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 
-/// The file of the tables.
 const TABLE: &str = "table.md";
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
@@ -38,10 +33,7 @@ pub(crate) struct Results {
     pub(crate) record: Value,
 }
 
-/// Writes tables and figures into the folder of `store` and prints the verdict.
-///
-/// # Errors
-/// [`Partial`](crate::program::error::Partial) where a scene or method failed; the results of the others are written.
+/// Writes tables and figures into the folder of `store` and prints the verdict; an error too where some scene or method failed.
 pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -> Result<()> {
     written(results, &store.root, progress).inspect_err(|_| store.discard_if_empty())
 }
@@ -57,7 +49,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     let summary = Summary::new(&entries, reference.as_deref(), &Bootstrap::default())?;
     let verdict = verdict(&summary, TABLE);
     let value = json!({ "verdict": verdict, "title": title, "alignment": alignment, "command_line": command_line(), "made_from": record,
-        "versions": versions(), "failures": failures, "warnings": progress.own_warnings(), "summary": summary });
+        "versions": versions(), "failures": failures, "warnings": progress.own_warnings, "summary": summary });
     let counted = summary.counted();
     let mut tables = vec![Block::Heading(1, title), Block::Text(format!("{counted}. {alignment}"))];
     let lists = [verdict, failed];
@@ -81,10 +73,7 @@ fn written(results: Results, folder: &Path, progress: &mut Progress) -> Result<(
     partial(failures.len(), first, folder)
 }
 
-/// Tells what a shard has stored; the tables are those of the evaluation of all scenes.
-///
-/// # Errors
-/// [`Partial`](crate::program::error::Partial) where a scene or method failed.
+/// Tells what a shard has stored; the tables are those of the evaluation of all scenes. An error too where some scene or method failed.
 pub(crate) fn finish_part(
     [scenes, all]: [usize; 2],
     failures: &[Failure],

@@ -1,9 +1,8 @@
 //! Scenes with the monocular depth that every method starts from.
 
-use crate::prior::OpenPrior;
-use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
+use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
 use crate::program::open::prior;
+use crate::program::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors, Sample};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
@@ -33,14 +32,12 @@ impl Source {
             (None, Some(root)) => DataSetKind::guess(root)?,
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
-        let places = match &args.places {
-            Some(path) => {
-                let text =
-                    open::read_text(path, FileKind::Text).with_context(|| path.display().to_string())?;
-                data::parse_places(&text).with_context(|| path.display().to_string())?
-            }
-            None => BTreeMap::new(),
-        };
+        let mut places = BTreeMap::new();
+        if let Some(path) = &args.places {
+            let shown = || path.display().to_string();
+            let text = open::read_text(path, FileKind::Text).with_context(shown)?;
+            places = data::parse_places(&text).with_context(shown)?;
+        }
         let captures = several.grid.clone().unwrap_or_default();
         let pose_noise = match captures.pose_noises[..] {
             _ if kind == DataSetKind::Captures || several.grid.is_none() => 0.0,
@@ -76,7 +73,6 @@ impl Source {
     }
 }
 
-/// The priors of an evaluation.
 pub(crate) struct Priors {
     pub(crate) form: Form,
     pub(crate) title: String,
@@ -149,10 +145,8 @@ impl Priors {
 
     /// Identifies the network's files, where there is one.
     pub(crate) fn model_hash(&self) -> Option<String> {
-        match &self.form {
-            Form::Network(open) => open.origin().model_hash.clone(),
-            _ => None,
-        }
+        let Form::Network(open) = &self.form else { return None };
+        open.origin().model_hash.clone()
     }
 
     /// Everything that a scene's prior depends on besides the scene: of files the content, not the place.

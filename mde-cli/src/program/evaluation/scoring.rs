@@ -1,8 +1,7 @@
 //! Scores of the methods of a scene and of their controls.
 
-use crate::program::args::{CropName, PixelArgs};
-use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::store::{Kept, Store};
+use crate::program::evaluation::{Kept, Method, PRIOR, Store};
+use crate::program::{CropName, PixelArgs};
 use anyhow::{Context, Result};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::Sample;
@@ -20,7 +19,6 @@ const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 /// Changes with the definition of a score, so that kept scores are computed again.
 const DEFINITIONS: u32 = 3;
 
-/// How maps are scored.
 pub(crate) struct Scoring {
     /// Settings; the data set may replace the largest depth.
     pub(crate) config: ScoreConfig,

@@ -1,13 +1,11 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
-use crate::program::provenance::write_json;
 use crate::program::report::PICTURE;
-use crate::program::store::entry::Entry;
-use crate::program::store::folder::{
-    OpenFolder, check_own, file_name, folders_in, remove_unfinished, replace,
+use crate::program::store::{
+    Entry, OpenFolder, check_own, file_name, folders_in, lock, remove_unfinished, replace,
 };
-use crate::program::store::lock;
-use crate::scene::size::thumbnail;
+use crate::program::write_json;
+use crate::scene::thumbnail;
 use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
@@ -25,11 +23,9 @@ const RECORD: &str = "method.json";
 const DEPTH: &str = "depth.npy";
 const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
-/// The folder of the scenes' folders.
 const SCENES: &str = "scenes";
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
-#[derive(Debug)]
 pub(crate) struct Store {
     pub(crate) root: PathBuf,
     /// Whether other shards write into the folder.
@@ -47,15 +43,14 @@ pub(crate) struct Kept {
 }
 
 /// The row beside the maps.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct Row {
     seconds: f64,
     report: Value,
 }
 
 impl Store {
-    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
-    /// into the folder.
+    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Other shards write into a `shared` one.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
         check_own(root, BASIS, Path::exists, |_| false)?;
         let folder = OpenFolder::open(root, shared)?;

@@ -6,16 +6,10 @@ use crate::output::export::colmap::FOLDER as WORKSPACE;
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
-use crate::program::args::DenseArgs;
-use crate::program::error::message;
-use crate::program::interrupt;
-use crate::program::job::Job;
 use crate::program::many::{finish, finished, mark};
-use crate::program::progress::Progress;
-use crate::program::provenance::{about, write_json};
 use crate::program::report::{INDEX, every_page};
-use crate::program::store::folder::{OpenFolder, OutputFolder, RECORD};
-use crate::program::summary::intervals;
+use crate::program::store::{OpenFolder, OutputFolder, RECORD};
+use crate::program::{DenseArgs, Job, Progress, about, interrupt, intervals, message, number, write_json};
 use crate::refiner::Plan;
 use crate::scene::Scene;
 use anyhow::{Result, bail};
@@ -122,7 +116,7 @@ pub(crate) fn run(
     };
     let record = EveryRecord {
         about: About {
-            warnings: progress.all_warnings(),
+            warnings: &progress.warnings,
             total_seconds: progress.seconds(),
             ..about("dense", input, prepared.camera(), Some(settings), progress)
         },
@@ -133,10 +127,8 @@ pub(crate) fn run(
         prior_seconds,
     };
     write_json(&output.join(RECORD), &record)?;
-    let (tables, more) = (
-        Document { blocks: vec![Block::Table(table(&rows))] },
-        format!("{points} points in {CLOUD}\n{more}"),
-    );
+    let tables = Document { blocks: vec![Block::Table(table(&rows))] };
+    let more = format!("{points} points in {CLOUD}\n{more}");
     finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)
 }
 
@@ -150,12 +142,9 @@ fn maps(folder: &Path) -> Result<(Array2<f32>, Array2<f32>, f64)> {
     Ok((map("depth.npy")?, map("sigma.npy")?, scale))
 }
 
-fn percent(share: Option<f64>) -> String {
-    share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s))
-}
-
 fn table(rows: &[PhotographRow]) -> Table {
     let heads = ["photograph", "result", "verified, %", "sigma / depth, %", "seconds"];
+    let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 1);
     let rows = rows.iter().map(|row| {
         vec![
             row.photograph.clone(),

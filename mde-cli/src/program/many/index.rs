@@ -3,8 +3,8 @@
 use crate::output::every::PhotographRow;
 use crate::output::record::versions;
 use crate::program::many::item::THUMBNAIL;
-use crate::program::provenance::{command_line, write_json};
 use crate::program::report::photographs_page;
+use crate::program::{command_line, write_json};
 use anyhow::Result;
 use mde_eval::table::inert;
 use serde_json::json;

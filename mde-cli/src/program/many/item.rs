@@ -4,16 +4,11 @@ use crate::output::every::PhotographRow;
 use crate::output::preview::{RELATIVE, depth_picture, relative_sigma, sigma_picture_within};
 use crate::output::record::versions;
 use crate::prior::hash_files;
-use crate::program::args::RefineArgs;
-use crate::program::error::message;
-use crate::program::job::Job;
 use crate::program::many::index::TABLE;
 use crate::program::many::{finished, mark};
-use crate::program::open::photographs::content;
-use crate::program::open::scene;
-use crate::program::progress::Progress;
-use crate::program::store::folder::OutputFolder;
-use crate::program::workers::{caught, side_by_side};
+use crate::program::open::{Opener, content, scene};
+use crate::program::store::OutputFolder;
+use crate::program::{Job, Progress, RefineArgs, caught, message, side_by_side};
 use crate::refiner::same_scale::{OneScale, groups_warning};
 use crate::refiner::{Observer, Plan, Refined, Refiner, Silent};
 use crate::scene::{Photograph, SameScale, Scene};
@@ -27,16 +22,13 @@ use std::time::Instant;
 
 /// Photograph, depth and sigma, small.
 pub(super) const THUMBNAIL: &str = "thumbnail.png";
-/// Height of a thumbnail, pixels.
 const HEIGHT: usize = 120;
 /// Photographs that are prepared for one scale, and then compared, side by side.
 const CHUNK: usize = 16;
 
-/// A photograph and the name of its folder.
 pub(super) struct Item {
     pub(super) path: PathBuf,
     pub(super) folder: String,
-    /// The factor of `--same-scale`.
     pub(super) same_scale: Option<SameScale>,
 }
 
@@ -67,8 +59,7 @@ impl Common<'_> {
         made.unwrap_or_else(|error| PhotographRow::failed(&item.path.display().to_string(), &message(&error)))
     }
 
-    /// How many photographs run side by side, at most one more than processors: while one is decoded or written, the others keep the
-    /// processors busy. Each thread keeps the memory of its largest photograph.
+    /// How many photographs run side by side: one more than processors, as one is decoded or written, where the memory of the largest fits.
     pub(super) fn workers(&self, items: &[Item]) -> usize {
         let mut sizes: Vec<_> = items.iter().map(|item| scene::size(&item.path)).collect();
         sizes.sort_by_key(|(height, width)| std::cmp::Reverse(height * width));
@@ -89,7 +80,8 @@ impl Common<'_> {
             other => other.into(),
         })?;
         drop(bytes);
-        scene::photograph(self.job.refiner, &self.args.common.camera, &item.path, photo, false, progress)
+        let camera = &self.args.common.camera;
+        Opener { refiner: self.job.refiner, camera, progress }.photograph(&item.path, photo, false)
     }
 
     /// Everything that the results depend on, the photograph by its content.
@@ -120,15 +112,14 @@ impl Common<'_> {
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
             write_image(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
             row.measure(refined);
-            row.warnings = progress.own_warnings().to_vec();
+            row.warnings = progress.own_warnings.clone();
             row.seconds = start.elapsed().as_secs_f64();
             mark(path, &made_from, &row)
         })?;
         Ok(row)
     }
 
-    /// The factors of `--same-scale`: [`OneScale`] has the order of the comparisons. They depend neither on the number of threads nor on
-    /// which photographs are finished.
+    /// The factors of `--same-scale`. They depend neither on the number of threads nor on which photographs are finished.
     pub(super) fn same_scale(&self, items: &[Item], progress: &mut Progress) -> Result<Vec<SameScale>> {
         progress.step(&format!("match {} photographs for one scale", items.len()));
         let (start, workers) = (Instant::now(), self.workers(items));

@@ -1,7 +1,6 @@
 //! Many photographs, each refined into a folder of its own.
 //!
-//! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
-//! keeps the folder.
+//! A folder appears whole, by a rename, with its marker (`finished.json`). A run keeps a folder with a marker of its inputs and settings.
 
 pub(crate) mod every;
 mod index;
@@ -10,19 +9,10 @@ mod item;
 use crate::config::Preset;
 use crate::output::every::PhotographRow;
 use crate::output::names::folders;
-use crate::program::args::RefineArgs;
-use crate::program::error::partial;
-use crate::program::interrupt;
-use crate::program::job::Job;
 use crate::program::many::item::{Common, Item, settings_of};
-use crate::program::open::settings::refinement_settings;
-use crate::program::open::{photographs, prior};
-use crate::program::progress::Progress;
-use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, OpenFolder, check_own, folders_in, list_files};
-use crate::program::summary::intervals;
-use crate::program::terminal::line_of;
-use crate::program::workers::{lock, side_by_side};
+use crate::program::open::{photographs, prior, refinement_settings};
+use crate::program::store::{ENTRY, Entry, OpenFolder, check_own, folders_in, list_files};
+use crate::program::{Job, Progress, RefineArgs, interrupt, intervals, line_of, lock, partial, side_by_side};
 use crate::refiner::{Observer, Refiner};
 use anyhow::{Result, bail, ensure};
 use mde_eval::table::Document;
@@ -58,8 +48,7 @@ fn mark(folder: &Path, made_from: &str, row: &PhotographRow) -> Result<()> {
     Entry::write(folder, ENTRY, made_from.into(), row.clone())
 }
 
-/// The results of a run for the user: `tables`, the numbers of photographs, `more` lines, the folder and its `page`, which a shard does not
-/// write.
+/// The results of a run for the user: `tables`, numbers of photographs, `more` lines, the folder and its `page`, which a shard has not.
 fn finish(
     rows: &[PhotographRow],
     output: &Path,
@@ -88,8 +77,7 @@ fn finish(
     partial(failed.len(), failed.into_iter().next(), output)
 }
 
-/// Refines all photographs that the arguments name, each alone, side by side as far as the memory goes. The index is written from the rows
-/// so far, every few seconds and at the end.
+/// Refines all photographs, each alone, side by side as far as the memory goes. The index is written every few seconds and at the end.
 pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     check_arguments(args)?;
     let Some(output) = &args.common.run.output else {
@@ -140,15 +128,6 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     finish(&rows, output, page, &Document::default(), &more, json!({}), progress)
 }
 
-/// A few words on a photograph, for a line.
-fn outcome(row: &PhotographRow) -> String {
-    match &row.error {
-        Some(error) => format!("failed: {error}"),
-        None if row.kept => "finished before".to_owned(),
-        None => format!("{:.1} s", row.seconds),
-    }
-}
-
 /// Least time between two indices of a run.
 const INDEX_SECONDS: Duration = Duration::from_secs(5);
 /// The same, over the time that the last one took: with so many photographs that it takes long.
@@ -156,16 +135,13 @@ const INDEX_SHARE: u32 = 50;
 
 struct State<'p> {
     progress: &'p mut Progress,
-    /// Number of the photographs.
     all: usize,
-    /// By the index of the photograph.
     rows: BTreeMap<usize, PhotographRow>,
     /// Photographs that were not finished before.
     refined: usize,
     start: Instant,
     /// The folder of the index, which a shard does not write.
     index: Option<&'p Path>,
-    /// When the index is written next.
     due: Instant,
 }
 
@@ -175,7 +151,12 @@ impl State<'_> {
             return;
         }
         self.refined += usize::from(!row.kept);
-        let text = format!("{}: {}", row.photograph, outcome(&row));
+        let outcome = match &row.error {
+            Some(error) => format!("failed: {error}"),
+            None if row.kept => "finished before".to_owned(),
+            None => format!("{:.1} s", row.seconds),
+        };
+        let text = format!("{}: {outcome}", row.photograph);
         let value = json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
             "status": row.status(), "kept": row.kept, "error": row.error, "photograph_seconds": row.seconds });
         self.rows.insert(index, row);
@@ -189,7 +170,6 @@ impl State<'_> {
         }
     }
 
-    /// Writes the index of the photographs so far.
     fn save(&mut self) -> Result<()> {
         let start = Instant::now();
         let rows: Vec<&PhotographRow> = self.rows.values().collect();
@@ -216,9 +196,7 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
 /// Each different warning once, with the number of photographs that had it.
 fn warnings(rows: &[PhotographRow], progress: &mut Progress) {
     let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
-    for warning in rows.iter().flat_map(|row| &row.warnings) {
-        *counted.entry(warning).or_default() += 1;
-    }
+    rows.iter().flat_map(|row| &row.warnings).for_each(|warning| *counted.entry(warning).or_default() += 1);
     for (warning, count) in counted {
         progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
     }

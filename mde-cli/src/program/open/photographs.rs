@@ -5,19 +5,15 @@ use glob::{MatchOptions, glob_with};
 use mde_prior::{FileKind, open};
 use std::collections::HashSet;
 use std::ffi::OsStr;
-use std::fs::DirEntry;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Extensions of photographs within a folder.
 const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 /// Those that are not read, and named instead of passed over.
 const UNREAD: [&str; 2] = ["heic", "heif"];
-/// Standard input.
 const STDIN: &str = "-";
 const LIST: &str = "txt";
 
-/// The bytes of a photograph.
 pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
     ensure!(path.exists(), "no such photograph; check the path");
     open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
@@ -31,8 +27,7 @@ pub(crate) fn are_many(named: &[&Path]) -> bool {
     }
 }
 
-/// All photographs in the order of the arguments, each file once; those of folders and patterns in the order of their names. A named file
-/// that is missing is among them.
+/// All photographs in the order of the arguments, each file once, and missing ones too; those of folders and patterns sorted by name.
 pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
     let (mut paths, mut seen) = (Vec::new(), HashSet::new());
     for name in named {
@@ -61,11 +56,10 @@ fn named_by(name: &Path) -> Result<Vec<PathBuf>> {
         let text = open::read_text(name, FileKind::Text).with_context(fault)?;
         listed(&shown.to_string(), &text, name.parent().unwrap_or(Path::new(".")))
     } else if name.is_dir() {
+        let fault = || format!("{shown}: the folder can't be read; check the path");
         let entries = std::fs::read_dir(name).and_then(Iterator::collect::<io::Result<Vec<_>>>);
-        let entries =
-            entries.with_context(|| format!("{shown}: the folder can't be read; check the path"))?;
-        let mut found: Vec<_> =
-            entries.iter().map(DirEntry::path).filter(|path| is_photograph(path)).collect();
+        let paths = entries.with_context(fault)?.into_iter().map(|entry| entry.path());
+        let mut found: Vec<_> = paths.filter(|path| is_photograph(path)).collect();
         ensure!(
             !found.is_empty(),
             "{shown}: the folder holds no photograph ({kinds}); folders within it are not searched"
@@ -78,7 +72,7 @@ fn named_by(name: &Path) -> Result<Vec<PathBuf>> {
 }
 
 fn is_list(path: &Path) -> bool {
-    path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
 }
 
 /// The photographs whose names match, in their order; a name that begins with a dot only where the pattern's does.
@@ -120,11 +114,9 @@ pub(crate) fn existing(flag: &str, named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether it is a file with the extension of a photograph.
 fn is_photograph(path: &Path) -> bool {
-    let extension = path.extension().and_then(OsStr::to_str);
-    let extension = extension.map(str::to_ascii_lowercase);
-    extension.is_some_and(|e| PHOTOGRAPHS.iter().chain(&UNREAD).any(|known| *known == e)) && path.is_file()
+    let known = |e: &OsStr| PHOTOGRAPHS.iter().chain(&UNREAD).any(|known| e.eq_ignore_ascii_case(known));
+    path.extension().is_some_and(known) && path.is_file()
 }
 
 /// Whether it has wildcards (`*`, `?`, `[abc]`) and is no path itself.

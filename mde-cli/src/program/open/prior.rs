@@ -1,8 +1,7 @@
 //! The monocular depth that the command line names.
 
-use crate::prior::OpenPrior;
-use crate::prior::files::read_options;
-use crate::program::args::{NetworkArgs, PriorArgs};
+use crate::prior::{OpenPrior, read_options};
+use crate::program::{NetworkArgs, PriorArgs};
 use anyhow::Result;
 use std::path::Path;
 
@@ -19,7 +18,6 @@ pub(crate) fn open(args: &PriorArgs, several: bool) -> Result<OpenPrior<'static>
     }
 }
 
-/// A depth map.
 pub(crate) fn map(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
     let options = read_options("--png-scale", args.png_scale)?;
     Ok(OpenPrior::map_file(path, args.prior_kind, options)?)

@@ -1,6 +1,6 @@
 //! Encoding of maps, images and colours for the page.
 
-use crate::scene::size::byte;
+use crate::scene::byte;
 use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -59,7 +59,6 @@ pub(super) fn photograph(pixels: ArrayView3<'_, f32>) -> Result<String> {
     picture(pixels.mapv(byte).view())
 }
 
-/// The photograph in a file, where there is one.
 pub(super) fn photograph_in(path: &Path) -> Result<Option<String>> {
     path.is_file().then(|| photograph(read_image(path)?.pixels.view())).transpose()
 }

@@ -3,8 +3,8 @@
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use crate::program::report::encode::{gradients, photograph_in, picture, svg};
 use crate::program::report::{page, read_json, read_text};
-use crate::program::store::folder::{file_name, folders_in};
-use crate::scene::size::within;
+use crate::program::store::{file_name, folders_in};
+use crate::scene::within;
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::{SceneScores, read_csv};
@@ -72,8 +72,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     Ok(page::page(title, &data))
 }
 
-/// The method and the metric by which a scene is bad: the first method after the prior with scores of its depth, where there is one,
-/// and its AbsRel, else its first metric.
+/// The method and the metric by which a scene is bad: the first scored depth but the prior's, if there is one; AbsRel, else its first.
 fn judged(summary: &Value) -> Option<(String, &'static Metric)> {
     let methods = summary["summary"]["methods"].as_array()?;
     let has_depth = |method: &&Value| method["metrics"].get("abs_rel").is_some();

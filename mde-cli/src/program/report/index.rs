@@ -1,11 +1,12 @@
 //! The page of a folder with a folder for each photograph, with pictures from beside it; without a script but for the view of a capture.
 
 use crate::output::every::PhotographRow;
+use crate::program::number;
 use crate::program::report::page::{STYLE, escaped};
 use std::fmt::Write as _;
 
-/// The page of `all` photographs, or of those that a run has so far, the least sure first; each has a folder with `picture`; `files` stand
-/// beside the folders; `view` stands above the table.
+/// The page of those of `all` photographs that a run has so far, the least sure first, each in a folder with `picture`, beside `files`;
+/// `view` stands above the table.
 pub(crate) fn photographs_page(
     rows: &[&PhotographRow],
     all: usize,
@@ -19,9 +20,7 @@ pub(crate) fn photographs_page(
         |row: &PhotographRow| if row.error.is_some() { f64::INFINITY } else { row.sigma.unwrap_or(0.0) };
     sorted.sort_by(|a, b| sigma(b).total_cmp(&sigma(a)).then(a.photograph.cmp(&b.photograph)));
     let mut body = String::new();
-    let number = |value: Option<f64>, times: f64| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{:.2}", times * v))
-    };
+    let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 2);
     for row in &sorted {
         let name = quoted(&row.photograph);
         let shown = row.folder.as_deref().map_or_else(String::new, |folder| {
@@ -40,9 +39,9 @@ pub(crate) fn photographs_page(
         let _ = writeln!(
             body,
             "<tr><td>{shown}</td><td>{name}<br>{about}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
-            number(row.sigma, 100.0),
-            number(row.sigma_90, 100.0),
-            number(row.median_depth, 1.0),
+            percent(row.sigma),
+            percent(row.sigma_90),
+            number(row.median_depth, 2),
             row.seconds
         );
     }

@@ -1,5 +1,4 @@
-//! `report.html`: one self-contained page that shows a finished folder. It is made from the files of the folder, so it can
-//! be made again at any time.
+//! `report.html`: one self-contained page that shows a finished folder. It is made from the folder's files alone, at any time.
 
 mod capture;
 mod encode;
@@ -13,7 +12,7 @@ pub(crate) use index::photographs_page;
 
 use crate::output::every::{CLOUD, MESHES, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
-use crate::program::store::folder::RECORD;
+use crate::program::store::RECORD;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -21,7 +20,6 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The page's name in its folder.
 pub(crate) const FILE: &str = "report.html";
 
 /// The page of all photographs of a capture.

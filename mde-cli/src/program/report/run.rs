@@ -4,9 +4,9 @@ use crate::config::{Config, IterationPrior, Preset};
 use crate::output::files::EVIDENCE;
 use crate::program::report::encode::{self, WIDEST, gradients, photograph, photograph_in};
 use crate::program::report::{page, read_json, read_text};
-use crate::program::store::folder::RECORD;
-use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
-use crate::scene::size::within;
+use crate::program::store::RECORD;
+use crate::refiner::{NOVEL, RENDERED, picture_of};
+use crate::scene::within;
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
@@ -18,7 +18,6 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// What the files are, in the order of the page's list.
 const FILES: [(&str, &str); 20] = [
     ("depth.npy", "refined depth, 32-bit floats"),
     ("sigma.npy", "its standard deviation, same unit"),
@@ -131,8 +130,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     Ok(page::page(&format!("Depth of {name}"), &data))
 }
 
-/// Per pixel 0: no depth, 1: seen by no other photograph, 2: confirmed by none, 2 + n: confirmed by n, `[height, width]`; and the shares of
-/// the origins of the depth.
+/// Per pixel 0: no depth, 1: seen by no other photograph, 2 + n: confirmed by n, `[height, width]`; and the shares of the depth's origins.
 fn evidence(path: &Path) -> Result<(Array2<f32>, Value)> {
     let map = |name: &str| {
         read_values(path, &ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() })
@@ -154,10 +152,8 @@ fn evidence(path: &Path) -> Result<(Array2<f32>, Value)> {
 fn prior_sigma(config: &Config, record: &Value) -> (f64, f64, String) {
     let iterations = record["iterations"].as_array().map(Vec::as_slice).unwrap_or_default();
     // Only an anchored loop meets the monocular depth itself again.
-    let index = match config.refinement.prior {
-        IterationPrior::Anchor => iterations.len().saturating_sub(1),
-        _ => 0,
-    };
+    let anchored = config.refinement.prior == IterationPrior::Anchor;
+    let index = if anchored { iterations.len().saturating_sub(1) } else { 0 };
     let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
     let common = record["augmentation"]["common_error"].as_f64().unwrap_or(config.fusion.common_error);
     let whose = match record["error_bar"]["common_assumed"].is_null() {

@@ -15,7 +15,6 @@ pub(crate) const ENTRY: &str = "finished.json";
 /// Begins the name of what is not finished.
 const PREFIX: &str = ".mde-";
 
-/// The folder of the results.
 #[derive(Debug)]
 pub(crate) struct OutputFolder {
     target: PathBuf,
@@ -88,9 +87,7 @@ pub(crate) fn replace(
     let _guard = interrupt::guard(temporary.path());
     fill(temporary.path())?;
     let held = interrupt::hold();
-    if interrupt::requested() {
-        bail!(crate::error::Error::Interrupted);
-    }
+    ensure!(!interrupt::requested(), crate::error::Error::Interrupted);
     check()?;
     exchange(temporary.path(), target)
         .with_context(|| format!("{}: can't put the results there", target.display()))?;
@@ -126,7 +123,6 @@ fn is_unfinished(path: &Path) -> bool {
 }
 
 /// A folder that is made with those above it, and removed with them where nothing came into them.
-#[derive(Debug)]
 pub(crate) struct NewFolder(Vec<PathBuf>);
 
 impl NewFolder {
@@ -149,7 +145,6 @@ impl Drop for NewFolder {
 }
 
 /// A folder that a run fills bit by bit.
-#[derive(Debug)]
 pub(crate) struct OpenFolder {
     // Dropped in this order: the folder can go once the lock is gone.
     _lock: Option<Lock>,
@@ -157,8 +152,7 @@ pub(crate) struct OpenFolder {
 }
 
 impl OpenFolder {
-    /// Makes it where it is missing, and removes what killed runs left unfinished in it; nothing of one that is `shared` with other
-    /// processes, which is not locked either.
+    /// Makes it where it is missing; unless it is `shared` with other processes, locks it and removes what killed runs left unfinished.
     pub(crate) fn open(folder: &Path, shared: bool) -> Result<Self> {
         let made = NewFolder::make(folder)?;
         let lock = if shared { None } else { Lock::take(folder)? };

@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 pub(crate) const FILE: &str = ".mde-lock";
 
 /// A folder that no other process writes to.
-#[derive(Debug)]
 pub(crate) struct Lock {
     path: PathBuf,
     file: File,

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::MemoryLimit;
 use crate::refiner::plan::{MIB, PHOTOGRAPH, PROGRAM, refine_bytes};
 use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};
@@ -17,8 +17,7 @@ const BESIDE: (f64, f64) = (2.1, 30.0 * MIB);
 /// What it keeps of a network's predictions while a field is fitted.
 const KEPT: f64 = 24.0 * MIB;
 
-/// Estimate of the memory of one photograph's refinement, the inference of its prior included. Measured on ten settings, it is .87 to
-/// 1.17 times the peak (docs/performance.md).
+/// Memory of one photograph's refinement, with the prior's inference. On ten settings it is .87 to 1.17 times the peak (docs/performance.md).
 #[derive(Debug, Clone, Copy)]
 pub struct PhotographMemory<'c> {
     config: &'c Config,
@@ -99,32 +98,17 @@ impl<'c> PhotographMemory<'c> {
 mod tests {
     use super::*;
     use crate::config::Preset;
+    use crate::refiner::tests::Network;
     use mde_prior::augment::Predictions;
-    use mde_prior::ndarray::ArrayView3;
-    use mde_prior::{Error, PriorDepth};
 
-    /// A network whose tensors take a hundred million bytes.
-    struct Large(u64);
-
-    impl DepthPrior for Large {
-        fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-            Err(Error::Input("not run here".to_owned()))
-        }
-        fn accepts_new_images(&self) -> bool {
-            true
-        }
-        fn concurrency(&self) -> usize {
-            usize::MAX
-        }
-        fn memory(&self, _: usize, _: usize) -> Option<InferenceMemory> {
-            Some(InferenceMemory { model: self.0, prediction: 100_000_000 })
-        }
+    fn network(bytes: u64) -> Network {
+        Network { known: None, bytes }
     }
 
     #[test]
     fn the_limit_decides_how_many_predictions_run_at_once() {
         let (config, at) = (Preset::Default.config(), (480, 640));
-        let memory = PhotographMemory::new(&config, &Large(1 << 20), [at; 2], 1, 8);
+        let memory = PhotographMemory::new(&config, &network(1 << 20), [at; 2], 1, 8);
         let pixels = 480 * 640;
         let at_once = |bytes: u64| {
             let limit = MemoryLimit { gib: bytes as f64 / f64::from(1 << 30) };
@@ -144,7 +128,7 @@ mod tests {
         config.augmentation.predictions = Predictions::Most(1);
         let (at, large) = ((480, 640), (3000, 4000));
         let several =
-            |photographs, threads| PhotographMemory::new(&config, &Large(0), [at; 2], photographs, threads);
+            |photographs, threads| PhotographMemory::new(&config, &network(0), [at; 2], photographs, threads);
         let one = several(1, 8);
         assert_eq!([one, several(5, 8), several(5, 2), several(0, 2)].map(|m| m.most), [1, 5, 2, 1]);
         assert_eq!(several(5, 2).bytes(9, 2) - one.bytes(9, 2), 5 * PHOTOGRAPH as u64 * 480 * 640);
@@ -152,7 +136,7 @@ mod tests {
 
         let mut config = config.clone();
         config.augmentation.predictions = Predictions::Most(2);
-        let of = |model, full| PhotographMemory::new(&config, &Large(model), [full, at], 1, 8);
+        let of = |model, full| PhotographMemory::new(&config, &network(model), [full, at], 1, 8);
         assert_eq!(of(0, at).most, 2);
         assert_eq!(of(5, at).bytes(9, 1) - of(0, at).bytes(9, 1), 5);
         assert_eq!(of(0, large).bytes(9, 1) - of(0, at).bytes(9, 1), FULL as u64 * 12_000_000);

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::refiner::plan::most_pixels;
-use crate::scene::size::SMALLEST;
+use crate::scene::SMALLEST;
 
 /// The limit of `max-memory`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,8 +26,7 @@ impl MemoryLimit {
         (self.gib * f64::from(1 << 30)) as u64
     }
 
-    /// Refuses a refinement above the limit; `what` names its image of `(height, width)`, `bytes` estimates its memory by the number of
-    /// pixels.
+    /// Refuses a refinement above the limit; `what` names its image of `(height, width)`, `bytes` estimates the memory of so many pixels.
     ///
     /// # Errors
     /// [`Error::Argument`] with the size that fits.
@@ -40,8 +39,7 @@ impl MemoryLimit {
         })
     }
 
-    /// The same with other words: what needs the memory `with` what, and the remedy. `remedy` gets the largest `(height, width)` of the
-    /// same aspect ratio that fits, if there is one.
+    /// The same with other words, `with` what it needs the memory; `remedy` gets the largest `(height, width)` of that aspect that fits.
     ///
     /// # Errors
     /// As [`check`](Self::check).

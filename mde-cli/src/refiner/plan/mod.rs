@@ -7,7 +7,6 @@ use crate::config::{Config, NovelViews, RefinementConfig};
 use mde_mvs::consensus::sweeps_bytes;
 use mde_nerf::RenderConfig;
 
-/// Bytes of a mebibyte.
 const MIB: f64 = (1 << 20) as f64;
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: f64 = 64.0 * MIB;
@@ -34,9 +33,8 @@ const METHOD: f64 = 8.0;
 /// Bytes per pixel of a view that a shared field rendered: colours, depth, variance, opacity.
 const SHARED_VIEW: f64 = 24.0;
 
-/// Upper bound of the bytes that [`refine`](crate::refinement::refine) needs for an image of that many pixels; measured, it is 1 to 1.25 times
-/// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
-/// included; [`inference::PhotographMemory`] has it.
+/// Upper bound of the bytes that [`refine`](crate::refinement::refine) needs for that many pixels: 1 to 1.25 times the measured peak for
+/// small images, up to twice for large ones. The prior's own inference is not included; [`inference::PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     (PROGRAM + pixels as f64 * pixel_bytes(config) + config.nerf.fit_bytes()) as u64
 }
@@ -52,18 +50,15 @@ pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config)
     (BASE + pixels as f64 * pixel + sweeps.max(fit)) as u64
 }
 
-/// Bytes per pixel of a refinement.
 fn pixel_bytes(config: &Config) -> f64 {
     PIXEL + VIEW * (config.views.count as f64 + 1.0) + RENDERED * rendered(config)
 }
 
-/// Views that a field renders.
 fn rendered(config: &Config) -> f64 {
     config.novel.count.max(1) as f64
 }
 
-/// Upper bound of the memory of an evaluation, by the size of the scenes; measured, it is 1.1 to 2 times the real peak. The memory
-/// of the prior's own inference is not included.
+/// Upper bound of an evaluation's memory by the size of the scenes, 1.1 to 2 times the measured peak, without the prior's inference.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneMemory {
     /// Bytes per pixel.

@@ -4,8 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
 /// A framed picture on the wall y = 0, centred on the stand.
-pub(in crate::scene) fn picture(stage: &mut Stage, stand: &Stand, size: [f64; 2], frame: Material) {
-    let [width, height] = size;
+pub(crate) fn picture(stage: &mut Stage, stand: &Stand, [width, height]: [f64; 2], frame: Material) {
     let seed = stage.between(0.0, 10.0);
     let mat = Material::plain(0.93, 0.92, 0.88);
     stage.block(stand, [0.0, -0.008, 0.0], [width, 0.012, height], mat);
@@ -18,13 +17,7 @@ pub(in crate::scene) fn picture(stage: &mut Stage, stand: &Stand, size: [f64; 2]
 }
 
 /// A window on the wall y = 0 centred on the stand, with glazing bars and a sill.
-pub(in crate::scene) fn window(
-    stage: &mut Stage,
-    stand: &Stand,
-    size: [f64; 2],
-    bars: [usize; 2],
-    brightness: f64,
-) {
+pub(crate) fn window(stage: &mut Stage, stand: &Stand, size: [f64; 2], bars: [usize; 2], brightness: f64) {
     let [width, height] = size;
     let seed = stage.between(0.0, 10.0);
     let white = enamel(0.93, 0.93, 0.91);
@@ -46,14 +39,7 @@ pub(in crate::scene) fn window(
 }
 
 /// A drawn curtain of upright folds from `left` to `right`, hanging from a rod at `top`, in front of the wall y = 0.
-pub(in crate::scene) fn curtain(
-    stage: &mut Stage,
-    stand: &Stand,
-    left: f64,
-    right: f64,
-    top: f64,
-    colour: Colour,
-) {
+pub(crate) fn curtain(stage: &mut Stage, stand: &Stand, left: f64, right: f64, top: f64, colour: Colour) {
     let fabric = cloth(colour);
     let folds = ((right - left) / 0.075).ceil().max(1.0) as usize;
     for k in 0..folds {
@@ -65,7 +51,7 @@ pub(in crate::scene) fn curtain(
 }
 
 /// A pot plant: stems with leaves that turn outwards.
-pub(in crate::scene) fn plant(stage: &mut Stage, stand: &Stand, height: f64, leaves: usize) {
+pub(crate) fn plant(stage: &mut Stage, stand: &Stand, height: f64, leaves: usize) {
     let pot = stage.about([0.72, 0.44, 0.32], 0.12);
     let clay = Material::new(Texture::Speckle([pot, pot * 0.6], 0.01));
     let tall = 0.24 * height;
@@ -89,14 +75,13 @@ pub(in crate::scene) fn plant(stage: &mut Stage, stand: &Stand, height: f64, lea
     }
 }
 
-pub(in crate::scene) fn rug(stage: &mut Stage, stand: &Stand, size: [f64; 2], colours: [Colour; 3]) {
-    let [ground, figure, border] = colours;
-    let pile = Material::new(Texture::Rug([ground, figure, border]));
+pub(crate) fn rug(stage: &mut Stage, stand: &Stand, size: [f64; 2], colours: [Colour; 3]) {
+    let pile = Material::new(Texture::Rug(colours));
     stage.block(stand, [0.0, 0.0, 0.005], [size[0], size[1], 0.01], pile);
 }
 
 /// A radiator of upright columns in front of the wall y = 0.
-pub(in crate::scene) fn radiator(stage: &mut Stage, stand: &Stand, width: f64) {
+pub(crate) fn radiator(stage: &mut Stage, stand: &Stand, width: f64) {
     let white = enamel(0.9, 0.9, 0.87);
     let columns = (width / 0.05) as usize;
     for k in 0..columns {
@@ -112,7 +97,7 @@ pub(in crate::scene) fn radiator(stage: &mut Stage, stand: &Stand, width: f64) {
 }
 
 /// A stand with pegs, a coat and a hat.
-pub(in crate::scene) fn coat_stand(stage: &mut Stage, stand: &Stand, material: Material) {
+pub(crate) fn coat_stand(stage: &mut Stage, stand: &Stand, material: Material) {
     stage.rod(stand, [0.0, 0.0, 0.02], [0.0, 0.0, 1.75], 0.017, material);
     for k in 0..4 {
         let (sin, cos) = (FRAC_PI_2 * f64::from(k) + 0.5).sin_cos();
@@ -128,7 +113,7 @@ pub(in crate::scene) fn coat_stand(stage: &mut Stage, stand: &Stand, material: M
 }
 
 /// Plate, cup, bottle and fruit around the stand, on z = 0.
-pub(in crate::scene) fn crockery(stage: &mut Stage, stand: &Stand, spread: f64) {
+pub(crate) fn crockery(stage: &mut Stage, stand: &Stand, spread: f64) {
     let white = enamel(0.92, 0.91, 0.88);
     stage.cone(stand, [-0.3 * spread, -0.1, 0.0], [-0.3 * spread, -0.1, 0.02], [0.07, 0.12], white);
     for (k, red) in [0.75, 0.85, 0.55].into_iter().enumerate() {

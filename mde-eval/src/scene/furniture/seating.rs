@@ -3,7 +3,7 @@ use crate::scene::texture::{Colour, Material, Texture};
 use nalgebra::Rotation3;
 
 /// A wooden chair with tapered legs and a back of spindles.
-pub(in crate::scene) fn chair(stage: &mut Stage, stand: &Stand, material: Material, spindles: usize) {
+pub(crate) fn chair(stage: &mut Stage, stand: &Stand, material: Material, spindles: usize) {
     let (half, seat, top) = (0.2, 0.45, 0.92);
     for x in [-half, half] {
         stage.cone(stand, [x * 1.08, -half * 1.05, 0.0], [x, -half * 0.95, seat], [0.012, 0.018], material);
@@ -21,7 +21,7 @@ pub(in crate::scene) fn chair(stage: &mut Stage, stand: &Stand, material: Materi
 }
 
 /// A stool on four thin splayed legs with a ring.
-pub(in crate::scene) fn bar_stool(stage: &mut Stage, stand: &Stand, seat: Material) {
+pub(crate) fn bar_stool(stage: &mut Stage, stand: &Stand, seat: Material) {
     let steel = metal(0.25);
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         stage.rod(stand, [0.2 * x, 0.2 * y, 0.0], [0.11 * x, 0.11 * y, 0.68], 0.009, steel);
@@ -32,7 +32,7 @@ pub(in crate::scene) fn bar_stool(stage: &mut Stage, stand: &Stand, seat: Materi
 }
 
 /// A slatted bench.
-pub(in crate::scene) fn bench(stage: &mut Stage, stand: &Stand, length: f64, material: Material) {
+pub(crate) fn bench(stage: &mut Stage, stand: &Stand, length: f64, material: Material) {
     for x in [-0.5 * length + 0.08, 0.5 * length - 0.08] {
         for y in [-0.15, 0.15] {
             stage.block(stand, [x, y, 0.21], [0.04, 0.04, 0.42], material);
@@ -45,7 +45,7 @@ pub(in crate::scene) fn bench(stage: &mut Stage, stand: &Stand, length: f64, mat
 }
 
 /// A swivel chair: five-armed star base with castors, column, padded seat and back.
-pub(in crate::scene) fn office_chair(stage: &mut Stage, stand: &Stand, colour: Colour) {
+pub(crate) fn office_chair(stage: &mut Stage, stand: &Stand, colour: Colour) {
     let (steel, black, padding) = (metal(0.55), Material::plain(0.08, 0.08, 0.09), cloth(colour));
     for k in 0..5 {
         let (sin, cos) = (f64::from(k) * 1.256_64 + 0.3).sin_cos();
@@ -63,7 +63,7 @@ pub(in crate::scene) fn office_chair(stage: &mut Stage, stand: &Stand, colour: C
 }
 
 /// A sofa with seat and back cushions, thrown pillows and thin feet.
-pub(in crate::scene) fn sofa(stage: &mut Stage, stand: &Stand, width: f64, seats: usize, colour: Colour) {
+pub(crate) fn sofa(stage: &mut Stage, stand: &Stand, width: f64, seats: usize, colour: Colour) {
     let cover = cloth(colour);
     let feet = metal(0.2);
     for x in [-0.5 * width + 0.08, 0.5 * width - 0.08] {
@@ -94,7 +94,7 @@ pub(in crate::scene) fn sofa(stage: &mut Stage, stand: &Stand, width: f64, seats
 }
 
 /// A bed, its head towards +y, with a headboard of thin bars.
-pub(in crate::scene) fn bed(stage: &mut Stage, stand: &Stand, width: f64, frame: Material, cover: Material) {
+pub(crate) fn bed(stage: &mut Stage, stand: &Stand, width: f64, frame: Material, cover: Material) {
     let (length, linen) = (2.0, cloth(Colour::new(0.82, 0.80, 0.76)));
     stage.block(stand, [0.0, 0.0, 0.25], [width, length, 0.1], frame);
     stage.block(stand, [0.0, 0.0, 0.4], [width - 0.04, length - 0.04, 0.2], linen);

@@ -2,21 +2,21 @@ use crate::scene::stage::{Stage, Stand, enamel, metal};
 use crate::scene::texture::Material;
 
 /// Size and surfaces of a room: x from -width/2 to width/2, y from `front` (behind the camera) to `depth`.
-pub(in crate::scene) struct Shell {
-    pub(in crate::scene) width: f64,
-    pub(in crate::scene) front: f64,
-    pub(in crate::scene) depth: f64,
-    pub(in crate::scene) height: f64,
-    pub(in crate::scene) floor: Material,
-    pub(in crate::scene) walls: Material,
-    pub(in crate::scene) back: Material,
-    pub(in crate::scene) ceiling: Material,
+pub(crate) struct Shell {
+    pub(crate) width: f64,
+    pub(crate) front: f64,
+    pub(crate) depth: f64,
+    pub(crate) height: f64,
+    pub(crate) floor: Material,
+    pub(crate) walls: Material,
+    pub(crate) back: Material,
+    pub(crate) ceiling: Material,
 }
 
 const THICKNESS: f64 = 0.1;
 
 impl Shell {
-    pub(in crate::scene) fn build(self, stage: &mut Stage) {
+    pub(crate) fn build(self, stage: &mut Stage) {
         let (length, middle) = (self.depth - self.front, 0.5 * (self.depth + self.front));
         let (wide, long) = (self.width + 2.0 * THICKNESS, length + 2.0 * THICKNESS);
         let (half, outer) = (0.5 * THICKNESS, 0.5 * (self.width + THICKNESS));
@@ -43,7 +43,7 @@ impl Shell {
 }
 
 /// A panelled door with its frame and handle; the wall is the plane y = 0 of the stand.
-pub(in crate::scene) fn door(stage: &mut Stage, stand: &Stand, leaf: Material, frame: Material) {
+pub(crate) fn door(stage: &mut Stage, stand: &Stand, leaf: Material, frame: Material) {
     let (width, height) = (0.82, 2.03);
     stage.block(stand, [0.0, -0.015, 0.5 * height], [width, 0.03, height], leaf);
     for side in [-1.0, 1.0] {

@@ -2,7 +2,7 @@ use crate::scene::stage::{Stage, Stand, enamel, lean, metal};
 use crate::scene::texture::{Material, Texture, rgb};
 
 /// Books side by side from the stand's x = 0 to `length`, on z = 0, their spines at y = 0.
-pub(in crate::scene) fn book_row(stage: &mut Stage, stand: &Stand, length: f64, tallest: f64) {
+pub(crate) fn book_row(stage: &mut Stage, stand: &Stand, length: f64, tallest: f64) {
     const CLOTHS: [[f64; 3]; 7] = [
         [0.62, 0.16, 0.14],
         [0.15, 0.28, 0.45],
@@ -32,15 +32,15 @@ pub(in crate::scene) fn book_row(stage: &mut Stage, stand: &Stand, length: f64, 
 }
 
 /// Shelves between two sides, with books and a few things on them.
-pub(in crate::scene) fn bookcase(
+pub(crate) fn bookcase(
     stage: &mut Stage,
     stand: &Stand,
-    size: [f64; 2],
+    [width, height]: [f64; 2],
     shelves: usize,
     material: Material,
     backed: bool,
 ) {
-    let ([width, height], depth, board) = (size, 0.28, 0.02);
+    let (depth, board) = (0.28, 0.02);
     for side in [-1.0, 1.0] {
         let x = side * 0.5 * (width - board);
         stage.block(stand, [x, 0.0, 0.5 * height], [board, depth, height], material);
@@ -78,7 +78,7 @@ fn ornament(stage: &mut Stage, stand: &Stand, height: f64) {
 }
 
 /// One board on two thin brackets; the wall is the stand's plane y = 0 and the board lies on z = 0.
-pub(in crate::scene) fn wall_shelf(stage: &mut Stage, stand: &Stand, width: f64, material: Material) {
+pub(crate) fn wall_shelf(stage: &mut Stage, stand: &Stand, width: f64, material: Material) {
     let (depth, black) = (0.2, metal(0.15));
     stage.block(stand, [0.0, -0.5 * depth, -0.009], [width, depth, 0.018], material);
     for side in [-1.0, 1.0] {
@@ -97,15 +97,13 @@ pub(in crate::scene) fn wall_shelf(stage: &mut Stage, stand: &Stand, width: f64,
 }
 
 /// A cupboard with fronts in `columns` and `rows`, each with a bar handle; its back is the plane y = 0.
-pub(in crate::scene) fn cabinet(
+pub(crate) fn cabinet(
     stage: &mut Stage,
     stand: &Stand,
-    size: [f64; 3],
-    fronts: [usize; 2],
+    [width, depth, height]: [f64; 3],
+    [columns, rows]: [usize; 2],
     material: Material,
 ) {
-    let [width, depth, height] = size;
-    let [columns, rows] = fronts;
     let body = enamel(0.2, 0.19, 0.18);
     stage.block(stand, [0.0, -0.5 * depth, 0.5 * height], [width, depth - 0.02, height], body);
     let (wide, tall) = (width / columns as f64, height / rows as f64);

@@ -2,17 +2,17 @@ use crate::scene::stage::{Stage, Stand, lean, metal};
 use crate::scene::texture::{Material, Texture, rgb};
 
 /// A table's measures.
-pub(in crate::scene) struct Top {
-    pub(in crate::scene) width: f64,
-    pub(in crate::scene) depth: f64,
-    pub(in crate::scene) height: f64,
-    pub(in crate::scene) thickness: f64,
+pub(crate) struct Top {
+    pub(crate) width: f64,
+    pub(crate) depth: f64,
+    pub(crate) height: f64,
+    pub(crate) thickness: f64,
     /// Radius of a leg at the floor.
-    pub(in crate::scene) leg: f64,
+    pub(crate) leg: f64,
 }
 
 /// A table top on four legs that widen towards it.
-pub(in crate::scene) fn table(stage: &mut Stage, stand: &Stand, top: &Top, board: Material, legs: Material) {
+pub(crate) fn table(stage: &mut Stage, stand: &Stand, top: &Top, board: Material, legs: Material) {
     let under = top.height - top.thickness;
     let size = [top.width, top.depth, top.thickness];
     stage.block(stand, [0.0, 0.0, top.height - 0.5 * top.thickness], size, board);
@@ -31,7 +31,7 @@ pub(in crate::scene) fn table(stage: &mut Stage, stand: &Stand, top: &Top, board
 }
 
 /// A monitor on its foot, keyboard and mouse, on a desk whose top is the stand's z = 0.
-pub(in crate::scene) fn computer(stage: &mut Stage, stand: &Stand, seed: f64) {
+pub(crate) fn computer(stage: &mut Stage, stand: &Stand, seed: f64) {
     let (black, grey) = (Material::plain(0.06, 0.06, 0.07).gloss(0.3), metal(0.45));
     stage.block(stand, [0.0, 0.12, 0.008], [0.24, 0.17, 0.016], grey);
     stage.rod(stand, [0.0, 0.14, 0.0], [0.0, 0.14, 0.2], 0.016, grey);

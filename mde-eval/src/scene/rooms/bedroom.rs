@@ -1,13 +1,11 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth, height) = (4.6, 4.7, 2.6);
     let paper = s.about([0.72, 0.70, 0.76], 0.06);
-    let paint = s.about([0.84, 0.81, 0.78], 0.04);
+    let walls = Material::new(Texture::Plaster(s.about([0.84, 0.81, 0.78], 0.04)));
     let floor =
         Material::new(Texture::Planks([rgb(0.62, 0.46, 0.32), rgb(0.40, 0.27, 0.17)], 0.11)).gloss(0.08);
-    let walls = Material::new(Texture::Plaster(paint));
     let back = Material::new(Texture::Stripes([paper, paper * 0.82], 0.14));
     let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94)));
     Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
@@ -48,7 +46,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([2.05, 3.4, 1.6], 0.3, 1.7, DAY),
         light([-0.2, 0.4, 2.4], 0.3, 0.8, WARM),
     ];
-    Setting { lights, ambient: Colour::new(0.33, 0.33, 0.35), stage, eye, field_of_view: 63.0 }
+    Setting { lights, ambient: Colour::new(0.33, 0.33, 0.35), eye, field_of_view: 63.0 }
 }
 
 /// A rail on two thin uprights with clothes on hangers.

@@ -1,13 +1,11 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth, height) = (2.3, 7.4, 2.6);
-    let wall = s.about([0.80, 0.76, 0.66], 0.06);
+    let walls = Material::new(Texture::Plaster(s.about([0.80, 0.76, 0.66], 0.06)));
     let tiles = [rgb(0.76, 0.72, 0.64), rgb(0.33, 0.31, 0.30), rgb(0.4, 0.38, 0.35)];
     let brick = s.about([0.60, 0.32, 0.24], 0.06);
     let floor = Material::new(Texture::Tiles(tiles, 0.25)).gloss(0.2);
-    let walls = Material::new(Texture::Plaster(wall));
     let back = Material::new(Texture::Bricks([brick, rgb(0.72, 0.69, 0.64)]));
     let ceiling = Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92)));
     Shell { width, front: -0.5, depth, height, floor, walls, back, ceiling }.build(s);
@@ -51,7 +49,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([0.0, 5.2, 2.1], 0.15, 1.0, WARM),
         light([0.0, 0.2, 2.4], 0.2, 0.7, WARM),
     ];
-    Setting { lights, ambient: Colour::new(0.24, 0.25, 0.27), stage, eye, field_of_view: 62.0 }
+    Setting { lights, ambient: Colour::new(0.24, 0.25, 0.27), eye, field_of_view: 62.0 }
 }
 
 fn umbrellas(s: &mut Stage, stand: &Stand) {

@@ -1,14 +1,12 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth, height) = (4.4, 4.6, 2.55);
     let tile = s.about([0.80, 0.80, 0.76], 0.05);
-    let paint = s.about([0.86, 0.82, 0.70], 0.05);
+    let walls = Material::new(Texture::Plaster(s.about([0.86, 0.82, 0.70], 0.05)));
     let second = s.about([0.78, 0.84, 0.84], 0.04);
     let floor =
         Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33)).gloss(0.15);
-    let walls = Material::new(Texture::Plaster(paint));
     let back =
         Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15)).gloss(0.2);
     let ceiling = Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94)));
@@ -44,7 +42,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([0.3, 1.8, 2.45], 0.3, 1.7, WARM),
         light([-1.95, 2.7, 1.6], 0.3, 1.8, DAY),
     ];
-    Setting { lights, ambient: Colour::new(0.36, 0.37, 0.38), stage, eye, field_of_view: 64.0 }
+    Setting { lights, ambient: Colour::new(0.36, 0.37, 0.38), eye, field_of_view: 64.0 }
 }
 
 /// Floor and wall cupboards along the back wall, worktop, tap, hood, a rail with utensils.

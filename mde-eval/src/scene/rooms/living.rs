@@ -1,14 +1,11 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth) = (5.4, 5.0);
-    let wall = s.about([0.82, 0.78, 0.70], 0.05);
-    let accent = s.about([0.50, 0.56, 0.55], 0.07);
+    let walls = Material::new(Texture::Plaster(s.about([0.82, 0.78, 0.70], 0.05)));
+    let back = Material::new(Texture::Plaster(s.about([0.50, 0.56, 0.55], 0.07)));
     let floor =
         Material::new(Texture::Planks([rgb(0.80, 0.68, 0.52), rgb(0.60, 0.46, 0.32)], 0.16)).gloss(0.1);
-    let walls = Material::new(Texture::Plaster(wall));
-    let back = Material::new(Texture::Plaster(accent));
     let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93)));
     Shell { width, front: -0.4, depth, height: 2.7, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
@@ -52,5 +49,5 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([-2.4, 3.1, 1.7], 0.3, 2.6, DAY),
         light([0.6, 1.4, 2.6], 0.3, 1.6, WARM),
     ];
-    Setting { lights, ambient: Colour::new(0.34, 0.35, 0.37), stage, eye, field_of_view: 64.0 }
+    Setting { lights, ambient: Colour::new(0.34, 0.35, 0.37), eye, field_of_view: 64.0 }
 }

@@ -11,26 +11,28 @@ mod workshop;
 use super::Room;
 use super::furniture::*;
 use super::render::{Eye, Light};
-use super::solid::Vector;
+use super::solid::{Body, Vector};
 use super::stage::{Stage, Stand, enamel, lean, metal, oak, walnut, wood};
 use super::texture::{Colour, Material, Texture, rgb};
 
-pub(super) fn furnish(room: Room, seed: u64) -> Setting {
-    let stage = Stage::new(seed, &room.to_string());
-    match room {
-        Room::Study => study::furnish(stage),
-        Room::LivingRoom => living::furnish(stage),
-        Room::Kitchen => kitchen::furnish(stage),
-        Room::Corridor => corridor::furnish(stage),
-        Room::Workshop => workshop::furnish(stage),
-        Room::Office => office::furnish(stage),
-        Room::Bedroom => bedroom::furnish(stage),
-    }
+pub(super) fn furnish(room: Room, seed: u64) -> (Vec<Body>, Setting) {
+    let mut stage = Stage::new(seed, &room.to_string());
+    let furnish = match room {
+        Room::Study => study::furnish,
+        Room::LivingRoom => living::furnish,
+        Room::Kitchen => kitchen::furnish,
+        Room::Corridor => corridor::furnish,
+        Room::Workshop => workshop::furnish,
+        Room::Office => office::furnish,
+        Room::Bedroom => bedroom::furnish,
+    };
+    let setting = furnish(&mut stage);
+    (stage.bodies, setting)
 }
 
-/// A furnished room with its lights and camera.
+/// The lights and the camera of a room.
+#[derive(Debug, Clone)]
 pub(super) struct Setting {
-    pub(super) stage: Stage,
     pub(super) lights: Vec<Light>,
     pub(super) ambient: Colour,
     pub(super) eye: Eye,

@@ -1,15 +1,12 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth, height) = (5.0, 4.8, 2.7);
-    let wall = s.about([0.82, 0.83, 0.84], 0.04);
+    let walls = Material::new(Texture::Plaster(s.about([0.82, 0.83, 0.84], 0.04)));
     let ground = s.about([0.36, 0.40, 0.46], 0.08);
-    let panels = [rgb(0.92, 0.92, 0.91), rgb(0.90, 0.90, 0.90), rgb(0.7, 0.7, 0.7)];
-    let accent = s.about([0.72, 0.76, 0.80], 0.05);
     let floor = Material::new(Texture::Speckle([ground, rgb(0.62, 0.63, 0.66)], 0.012));
-    let walls = Material::new(Texture::Plaster(wall));
-    let back = Material::new(Texture::Plaster(accent));
+    let back = Material::new(Texture::Plaster(s.about([0.72, 0.76, 0.80], 0.05)));
+    let panels = [rgb(0.92, 0.92, 0.91), rgb(0.90, 0.90, 0.90), rgb(0.7, 0.7, 0.7)];
     let ceiling = Material::new(Texture::Tiles(panels, 0.6));
     Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
@@ -45,7 +42,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([1.0, 3.2, 2.62], 0.3, 1.4, [0.95, 0.98, 1.0]),
         light([2.2, 3.75, 1.6], 0.3, 1.4, DAY),
     ];
-    Setting { lights, ambient: Colour::new(0.36, 0.38, 0.40), stage, eye, field_of_view: 65.0 }
+    Setting { lights, ambient: Colour::new(0.36, 0.38, 0.40), eye, field_of_view: 65.0 }
 }
 
 fn whiteboard(s: &mut Stage, stand: &Stand) {

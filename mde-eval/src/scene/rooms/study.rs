@@ -1,7 +1,6 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth) = (4.2, 4.4);
     let wall = s.about([0.74, 0.76, 0.70], 0.06);
     let plaster = Material::new(Texture::Plaster(wall));
@@ -45,5 +44,5 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([0.1, 1.6, 2.5], 0.25, 1.5, WARM),
         light([1.9, 2.9, 1.6], 0.3, 1.5, DAY),
     ];
-    Setting { lights, ambient: Colour::new(0.33, 0.34, 0.36), stage, eye, field_of_view: 62.0 }
+    Setting { lights, ambient: Colour::new(0.33, 0.34, 0.36), eye, field_of_view: 62.0 }
 }

@@ -1,7 +1,6 @@
 use super::*;
 
-pub(super) fn furnish(mut stage: Stage) -> Setting {
-    let s = &mut stage;
+pub(super) fn furnish(s: &mut Stage) -> Setting {
     let (width, depth, height) = (4.8, 4.9, 2.9);
     let brick = s.about([0.68, 0.58, 0.50], 0.03);
     let floor = Material::new(Texture::Speckle([rgb(0.56, 0.55, 0.53), rgb(0.47, 0.46, 0.45)], 0.02));
@@ -41,7 +40,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         light([0.4, 1.2, 2.75], 0.3, 1.6, [1.0, 0.95, 0.88]),
         light([-2.2, 1.9, 1.7], 0.3, 1.4, DAY),
     ];
-    Setting { lights, ambient: Colour::new(0.34, 0.34, 0.33), stage, eye, field_of_view: 66.0 }
+    Setting { lights, ambient: Colour::new(0.34, 0.34, 0.33), eye, field_of_view: 66.0 }
 }
 
 /// A board with hammers, saws and screwdrivers on the wall y = 0, centred on the stand.

@@ -32,12 +32,9 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
 }
 
 fn motions() -> Vec<Pose> {
-    let twist = |v: [f64; 6]| exp(&Vector6::from(v));
-    vec![
-        Pose::identity(),
-        twist([-0.4, 0.05, 0.1, 0.02, -0.1, 0.03]),
-        twist([0.3, -0.2, 0.05, -0.05, 0.12, -0.02]),
-    ]
+    let first = Vector6::new(-0.4, 0.05, 0.1, 0.02, -0.1, 0.03);
+    let second = Vector6::new(0.3, -0.2, 0.05, -0.05, 0.12, -0.02);
+    vec![Pose::identity(), exp(&first), exp(&second)]
 }
 
 fn disturbed(mut bundle: Bundle, size: f64, seed: u64) -> Bundle {
@@ -61,8 +58,7 @@ fn apart(a: &Pose, b: &Pose) -> f64 {
 fn the_unit_is_no_part_of_the_covariance() {
     let bundle = scene(&motions()[..2], 60, 1);
     let covariance = bundle.covariances(1.0)[1].unwrap();
-    let mut along = Vector6::zeros();
-    along.fixed_rows_mut::<3>(0).copy_from(&bundle.cameras.poses[1].translation.vector);
+    let along = twist(&bundle.cameras.poses[1].translation.vector, &Vector3::zeros());
     assert!((covariance * along).norm() < 1e-9 * covariance.norm(), "{covariance}");
     let across = Vector6::new(0.0, along.z, -along.y, 0.0, 0.0, 0.0).normalize();
     assert!(across.dot(&(covariance * across)) > 1e-9);
@@ -178,9 +174,7 @@ fn the_covariance_is_that_of_repeated_estimates() {
         measured += bundle.noise() / runs as f64;
         for (v, sum) in sums.iter_mut().enumerate().skip(1) {
             let moved = bundle.cameras.poses[v] * truth.cameras.poses[v].inverse();
-            let mut delta = Vector6::zeros();
-            delta.fixed_rows_mut::<3>(0).copy_from(&moved.translation.vector);
-            delta.fixed_rows_mut::<3>(3).copy_from(&moved.rotation.scaled_axis());
+            let delta = twist(&moved.translation.vector, &moved.rotation.scaled_axis());
             *sum += delta * delta.transpose() / runs as f64;
         }
     }
@@ -216,32 +210,20 @@ proptest! {
         let layout = bundle.layout();
         let size = layout.size;
         let normal = bundle.normal(&layout, 1.0);
-        let still = vec![0.0; bundle.tracks.len()];
         let step = 1e-6;
         let scale = 1.0 + normal.vector.amax();
-        let cost_after = |common: &DVector<f64>, depths: &[f64]| {
+        // Along one of all parameters, the common ones first.
+        let cost = |i: usize, by: f64| {
             let mut moved = bundle.clone();
-            moved.step(&layout, common, depths);
+            let mut steps = DVector::zeros(size + bundle.tracks.len());
+            steps[i] = by;
+            moved.step(&layout, &steps.rows(0, size).into_owned(), &steps.as_slice()[size..]);
             moved.cost()
         };
-        for i in 0..size {
-            let mut delta = DVector::zeros(size);
-            delta[i] = step;
-            let above = cost_after(&delta, &still);
-            delta[i] = -step;
-            let below = cost_after(&delta, &still);
-            let slope = (above - below) / (2.0 * step);
-            prop_assert!((slope - normal.vector[i]).abs() < 1e-5 * scale, "{} {} {}", i, slope, normal.vector[i]);
-        }
-        let none = DVector::zeros(size);
-        for t in 0..bundle.tracks.len() {
-            let cost = |by: f64| {
-                let mut steps = still.clone();
-                steps[t] = by;
-                cost_after(&none, &steps)
-            };
-            let slope = (cost(step) - cost(-step)) / (2.0 * step);
-            prop_assert!((slope - normal.depths[t].slope).abs() < 1e-5 * scale, "{} {}", slope, normal.depths[t].slope);
+        let slopes = normal.vector.iter().copied().chain(normal.depths.iter().map(|depth| depth.slope));
+        for (i, expected) in slopes.enumerate() {
+            let slope = (cost(i, step) - cost(i, -step)) / (2.0 * step);
+            prop_assert!((slope - expected).abs() < 1e-5 * scale, "{} {} {}", i, slope, expected);
         }
     }
 
@@ -285,11 +267,9 @@ proptest! {
         }
         let expected = -whole.lu().solve(&right).unwrap();
         let (common, depths) = normal.step(damping).unwrap();
-        for i in 0..size {
-            prop_assert!((common[i] - expected[i]).abs() < 1e-6 * (1.0 + expected[i].abs()));
-        }
-        for t in 0..tracks {
-            prop_assert!((depths[t] - expected[size + t]).abs() < 1e-6 * (1.0 + expected[size + t].abs()));
+        prop_assert_eq!(common.len() + depths.len(), expected.len());
+        for (found, expected) in common.iter().chain(&depths).zip(&expected) {
+            prop_assert!((found - expected).abs() < 1e-6 * (1.0 + expected.abs()));
         }
     }
 }

@@ -34,9 +34,8 @@ impl Cameras {
         for _ in 0..STEPS {
             track.inverse_depth = best.1;
             let (mut slope, mut curvature) = (0.0, 0.0);
-            for Linear { residual, depth, .. } in
-                track.views.iter().filter_map(|(v, p)| self.linear(track, *v, p))
-            {
+            let seen = track.views.iter().filter_map(|(v, p)| self.linear(track, *v, p));
+            for Linear { residual, depth, .. } in seen {
                 let weight = residual.norm().max(1e-6).recip();
                 slope += weight * residual.dot(&depth);
                 curvature += weight * depth.norm_squared();

@@ -43,14 +43,11 @@ pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
         }
         let rows: Vec<(usize, usize)> =
             (1..=LAYERS).flat_map(|layer| (RIM..height - RIM).map(move |y| (layer, y))).collect();
-        let mut found: Vec<Extremum> = rows
-            .par_iter()
-            .flat_map_iter(|&(layer, y)| {
-                candidates(octave, layer, y)
-                    .into_iter()
-                    .filter_map(move |x| refine(octave, index, layer, x, y))
-            })
-            .collect();
+        let of_row = |&(layer, y): &(usize, usize)| {
+            let columns = candidates(octave, layer, y).into_iter();
+            columns.filter_map(move |x| refine(octave, index, layer, x, y))
+        };
+        let mut found: Vec<Extremum> = rows.par_iter().flat_map_iter(of_row).collect();
         // Neighbouring starts can end at one extremum.
         found.sort_by_key(|e| (e.layer, e.cell));
         found.dedup_by_key(|e| (e.layer, e.cell));
@@ -84,18 +81,13 @@ fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
 fn refine(octave: &Octave, index: usize, mut layer: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
     let (height, width) = octave.differences[0].dim();
     for step in 0.. {
-        let [below, here, above] =
-            [-1, 0, 1].map(|d: isize| &octave.differences[layer.wrapping_add_signed(d)]);
+        let [below, here, above] = [layer - 1, layer, layer + 1].map(|layer| &octave.differences[layer]);
         let d = |plane: &Array2<f32>, dx: isize, dy: isize| {
             f64::from(plane[(y.wrapping_add_signed(dy), x.wrapping_add_signed(dx))])
         };
         let value = d(here, 0, 0);
-        let gradient = 0.5
-            * Vector3::new(
-                d(here, 1, 0) - d(here, -1, 0),
-                d(here, 0, 1) - d(here, 0, -1),
-                d(above, 0, 0) - d(below, 0, 0),
-            );
+        let [x1, y1] = [d(here, 1, 0) - d(here, -1, 0), d(here, 0, 1) - d(here, 0, -1)];
+        let gradient = 0.5 * Vector3::new(x1, y1, d(above, 0, 0) - d(below, 0, 0));
         let xx = d(here, 1, 0) + d(here, -1, 0) - 2.0 * value;
         let yy = d(here, 0, 1) + d(here, 0, -1) - 2.0 * value;
         let ss = d(above, 0, 0) + d(below, 0, 0) - 2.0 * value;

@@ -15,9 +15,6 @@ use ndarray::{Array2, ArrayView3, Axis};
 use rayon::prelude::*;
 use scale_space::ScaleSpace;
 
-/// Length of a descriptor: 4 x 4 cells of 8 directions.
-pub(super) const DESCRIPTOR_LENGTH: usize = descriptor::LENGTH;
-
 /// Pixels of the finest level at most. A photograph is enlarged twice where that stays below it, as Lowe does, and reduced where
 /// the photograph itself exceeds it.
 const FINEST_PIXELS: usize = 1_300_000;
@@ -68,11 +65,8 @@ impl Features {
             return Err(Error::config("image channels", channels, "give red, green and blue"));
         }
         if height.min(width) < 16 {
-            return Err(Error::config(
-                "smaller side of a photograph",
-                height.min(width),
-                "give 16 pixels or more",
-            ));
+            let side = height.min(width);
+            return Err(Error::config("smaller side of a photograph", side, "give 16 pixels or more"));
         }
         let space = ScaleSpace::new(image, finest_pixels);
         let mut found = extrema::find(&space);
@@ -80,14 +74,9 @@ impl Features {
         found.sort_by(|a, b| b.response.total_cmp(&a.response));
         found.truncate(max_features);
 
-        let described: Vec<_> =
-            found.par_iter().map(|extremum| descriptor::describe(&space, extremum)).collect();
-        let mut rows = Vec::with_capacity(described.len() * DESCRIPTOR_LENGTH);
-        described.iter().for_each(|row| rows.extend_from_slice(row));
-        let keypoints: Vec<_> = found.iter().map(|extremum| space.keypoint(extremum)).collect();
-        let descriptors = Array2::from_shape_vec((keypoints.len(), DESCRIPTOR_LENGTH), rows)
-            .unwrap_or_else(|_| Array2::zeros((0, DESCRIPTOR_LENGTH)));
-        Ok(Self { keypoints, descriptors })
+        let described: Vec<_> = found.par_iter().map(|found| descriptor::describe(&space, found)).collect();
+        let keypoints = found.iter().map(|found| space.keypoint(found)).collect();
+        Ok(Self { keypoints, descriptors: Array2::from(described) })
     }
 }
 

@@ -2,9 +2,9 @@
 
 use super::Keypoint;
 use super::extrema::Extremum;
-use crate::raster::{luma, shrink};
+use crate::raster::{luma, shrink_map};
 use nalgebra::Point2;
-use ndarray::{Array2, ArrayView3, Axis, s};
+use ndarray::{Array2, ArrayView3, s};
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -47,7 +47,7 @@ impl ScaleSpace {
         } else {
             let factor = (finest_pixels as f64 / (width as f64 * height as f64)).sqrt();
             let side = |size: usize| ((size as f64 * factor) as usize).max(16);
-            let base = reduced(&gray, side(height), side(width));
+            let base = shrink_map(gray.view(), side(height), side(width));
             let step = [width as f64 / base.ncols() as f64, height as f64 / base.nrows() as f64];
             (base, step, step.map(|s| 0.5 * s - 0.5))
         };
@@ -93,11 +93,6 @@ fn doubled(source: &Array2<f32>) -> Array2<f32> {
         let bottom = source[(y1, x0)] + source[(y1, x1)];
         0.25 * (top + bottom)
     })
-}
-
-/// A smaller image whose pixels are means over their area.
-fn reduced(source: &Array2<f32>, height: usize, width: usize) -> Array2<f32> {
-    shrink(source.view().insert_axis(Axis(2)), height, width).remove_axis(Axis(2))
 }
 
 /// Index of a row or column mirrored at the centres of the outermost ones.
@@ -195,7 +190,7 @@ mod tests {
     #[test]
     fn reduction_keeps_where_things_are() {
         let ramp = Array2::from_shape_fn((30, 50), |(y, x)| 0.01 * x as f32 - 0.02 * y as f32);
-        let small = reduced(&ramp, 13, 20);
+        let small = shrink_map(ramp.view(), 13, 20);
         for (x, y) in [(0, 0), (7, 5), (19, 12)] {
             let at = |i: usize, from: f64, to: f64| (i as f64 + 0.5) * from / to - 0.5;
             let expected = 0.01 * at(x, 50.0, 20.0) - 0.02 * at(y, 30.0, 13.0);

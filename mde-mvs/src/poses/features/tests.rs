@@ -109,8 +109,8 @@ fn reduction_keeps_the_places_of_features() {
     let full = detect(&image);
     let reduced = Features::detect_within(gray(&image).view(), 3000, 40_000).unwrap();
     let pairs = match_features(&full, &reduced);
-    let mut shifts: Vec<_> =
-        pairs.iter().map(|[i, j]| full.keypoints[*i].pixel - reduced.keypoints[*j].pixel).collect();
+    let shift = |&[i, j]: &[usize; 2]| full.keypoints[i].pixel - reduced.keypoints[j].pixel;
+    let mut shifts: Vec<_> = pairs.iter().map(shift).collect();
     assert!(shifts.len() > 40, "{}", shifts.len());
     for axis in 0..2 {
         shifts.sort_by(|a, b| a[axis].total_cmp(&b[axis]));

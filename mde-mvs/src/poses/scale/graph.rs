@@ -31,8 +31,7 @@ impl Laplacian {
             *links[first].entry(second).or_default() += weight;
             *links[second].entry(first).or_default() += weight;
         }
-        let mut queue: BTreeSet<(usize, usize)> =
-            links.iter().enumerate().map(|(i, links)| (links.len(), i)).collect();
+        let mut queue: BTreeSet<_> = links.iter().enumerate().map(|(i, links)| (links.len(), i)).collect();
         let mut steps = Vec::with_capacity(nodes);
         while let Some((_, node)) = queue.pop_first() {
             let own = std::mem::take(&mut links[node]);

@@ -75,9 +75,9 @@ impl Prepared {
     /// [`Error::View`] for a camera that is not of the image's or the prior's size.
     pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
         let FeatureImage { features, lens, prior } = FeatureImage::new(photograph, max_features)?;
-        let prior =
-            prior.ok_or_else(|| Error::config("prior", "missing", "give each photograph its depth"))?;
-        Ok(Self(FeatureImage { features, lens, prior: Some(prior.into_owned().into()) }))
+        let missing = || Error::config("prior", "missing", "give each photograph its depth");
+        let prior = Some(prior.ok_or_else(missing)?.into_owned().into());
+        Ok(Self(FeatureImage { features, lens, prior }))
     }
 
     /// The logarithm of the factor of `second` over that of `first`, and its standard deviation; nothing where fewer than
@@ -208,9 +208,7 @@ pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFa
 }
 
 fn factored(photographs: usize, ratios: &[LogRatio], weights: &[f64]) -> Laplacian {
-    let edge = |(ratio, weight): (&LogRatio, &f64)| {
-        ([ratio.first, ratio.second], weight / (ratio.sigma * ratio.sigma))
-    };
+    let edge = |(r, weight): (&LogRatio, &f64)| ([r.first, r.second], weight / (r.sigma * r.sigma));
     Laplacian::new(photographs, ratios.iter().zip(weights).map(edge))
 }
 

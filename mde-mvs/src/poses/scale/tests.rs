@@ -1,5 +1,6 @@
 use super::*;
 use crate::poses::MAX_FEATURES;
+use crate::poses::neighbours::all;
 use crate::poses::tests::{camera, photographs, with_errors};
 use crate::synthetic::{Plane, pose_at, render};
 use mde_uncertainty::random::CounterRng;
@@ -23,11 +24,8 @@ fn graph(count: usize, more: usize, seed: u64) -> (Vec<f64>, Vec<[usize; 2]>) {
     let mean = logs.iter().sum::<f64>() / count as f64;
     let index = |at: usize, below: usize| (uniform(seed + 1000, at) * below as f64) as usize;
     let mut pairs: Vec<[usize; 2]> = (1..count).map(|i| [index(i, i), i]).collect();
-    pairs.extend(
-        (0..more)
-            .map(|k| [index(count + 2 * k, count), index(count + 2 * k + 1, count)])
-            .filter(|[a, b]| a != b),
-    );
+    let further = (0..more).map(|k| [0, 1].map(|end| index(count + 2 * k + end, count)));
+    pairs.extend(further.filter(|[a, b]| a != b));
     (logs.into_iter().map(|log| log - mean).collect(), pairs)
 }
 
@@ -88,9 +86,8 @@ proptest! {
     #[test]
     fn a_wrong_ratio_does_not_move_the_others(seed in 0..200_u64, wrong in 0..28_usize, by in 0.3..3.0_f64) {
         let logs: Vec<f64> = graph(8, 0, seed).0;
-        let pairs: Vec<[usize; 2]> = (0..8).flat_map(|a| (a + 1..8).map(move |b| [a, b])).collect();
-        let mut given: Vec<LogRatio> =
-            ratios(&logs, &pairs, 0.5, seed).into_iter().map(|r| LogRatio { sigma: 0.02, ..r }).collect();
+        let mut given = ratios(&logs, &all(8), 0.5, seed);
+        given.iter_mut().for_each(|ratio| ratio.sigma = 0.02);
         let before = common_scale(8, &given).unwrap();
         given[wrong].log += by;
         for (after, before) in common_scale(8, &given).unwrap().iter().zip(&before) {
@@ -119,8 +116,7 @@ fn components_are_apart_and_a_photograph_without_ratios_is_one() {
 #[test]
 fn deviations_grow_with_the_residuals() {
     let (logs, _) = graph(12, 0, 3);
-    let pairs: Vec<[usize; 2]> = (0..12).flat_map(|a| (a + 1..12).map(move |b| [a, b])).collect();
-    let sigma = |noise: f64| common_scale(12, &ratios(&logs, &pairs, noise, 3)).unwrap()[4].sigma;
+    let sigma = |noise: f64| common_scale(12, &ratios(&logs, &all(12), noise, 3)).unwrap()[4].sigma;
     // With 66 ratios of 12 photographs, 1.7 of the growth is hidden by the photograph's own error.
     let grown = sigma(8.0) / sigma(0.1);
     assert!((2.5..8.0).contains(&grown), "{grown}");
@@ -132,7 +128,7 @@ fn a_long_chain_takes_no_time() {
     let count = 4000;
     let (logs, _) = graph(count, 0, 1);
     let next = (0..count).flat_map(|i| (1..4).map(move |step| [i, i + step])).filter(|[_, b]| *b < count);
-    let keys = (0..20).flat_map(|a| (a + 1..20).map(move |b| [200 * a, 200 * b]));
+    let keys = all(20).into_iter().map(|pair| pair.map(|i| 200 * i));
     let pairs: Vec<[usize; 2]> = next.chain(keys).collect();
     let start = std::time::Instant::now();
     let found = common_scale(count, &ratios(&logs, &pairs, 0.1, 1)).unwrap();
@@ -174,27 +170,21 @@ fn factors_of_rendered_photographs_are_found() {
         Pose::identity(),
     ];
     let truth = [0.1_f64, -0.3, 0.25, 0.0, -0.05];
-    let mut shots: Vec<Prepared> = poses
-        .iter()
-        .zip(truth)
-        .map(|(pose, log)| {
-            let (view, depth) = photograph(*pose);
-            prepared((view, with_errors(&depth, (-log).exp() as f32)))
-        })
-        .collect();
+    let shot = |(pose, log): (&Pose, f64)| {
+        let (view, depth) = photograph(*pose);
+        prepared((view, with_errors(&depth, (-log).exp() as f32)))
+    };
+    let mut shots: Vec<Prepared> = poses.iter().zip(truth).map(shot).collect();
     shots.push(prepared(photograph(pose_at([0.0, 40.0, 0.0], [0.0; 3]))));
     assert!(shots.iter().all(|shot| shot.0.features.keypoints.len() > 200));
 
     let mut found = Vec::new();
-    for first in 0..shots.len() {
-        for second in first + 1..shots.len() {
-            if let Some([log, sigma]) = Prepared::log_ratio(&shots[first], &shots[second], 7) {
-                found.push(ratio(first, second, log, sigma));
-                if second < 5 {
-                    let error = log - (truth[second] - truth[first]);
-                    assert!(error.abs() < 0.05, "{first} {second}: {error} +- {sigma}");
-                }
-            }
+    for [first, second] in all(shots.len()) {
+        let Some([log, sigma]) = Prepared::log_ratio(&shots[first], &shots[second], 7) else { continue };
+        found.push(ratio(first, second, log, sigma));
+        if second < 5 {
+            let error = log - (truth[second] - truth[first]);
+            assert!(error.abs() < 0.05, "{first} {second}: {error} +- {sigma}");
         }
     }
     assert_eq!(found.len(), 10);

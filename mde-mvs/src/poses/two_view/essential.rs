@@ -14,10 +14,6 @@ pub(super) fn motion(
     pairs: &[PixelPair],
     [first, second]: [&Lens; 2],
 ) -> Option<(Pose, f64)> {
-    let intrinsics = |lens: &Lens| {
-        let (f, c) = (lens.focal, lens.centre);
-        Matrix3::new(f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0)
-    };
     let essential = intrinsics(second).transpose() * f * intrinsics(first);
     let svd = essential.svd(true, true);
     let (mut u, mut vt) = (svd.u?, svd.v_t?);
@@ -40,6 +36,11 @@ pub(super) fn motion(
     Some((best.1, median(best.0)?))
 }
 
+fn intrinsics(lens: &Lens) -> Matrix3<f64> {
+    let (f, c) = (lens.focal, lens.centre);
+    Matrix3::new(f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0)
+}
+
 /// Depths, in the first camera, of the points in front of both.
 fn depths(pose: &Pose, rays: &[(Vector3<f64>, Vector3<f64>)]) -> Vec<f64> {
     let t = pose.translation.vector;
@@ -58,12 +59,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn lens(focal: f64) -> Lens {
-        Lens {
-            focal: Vector2::new(focal, 1.1 * focal),
-            centre: Vector2::new(310.0, 250.0),
-            assumed: false,
-            noise: 1.0,
-        }
+        let (focal, centre) = (Vector2::new(focal, 1.1 * focal), Vector2::new(310.0, 250.0));
+        Lens { focal, centre, assumed: false, noise: 1.0 }
     }
 
     proptest! {
@@ -82,16 +79,11 @@ mod tests {
             let points: Vec<Point3<f64>> = (0..40)
                 .map(|i| Point3::new(4.0 * unit(i, 1) - 2.0, 3.0 * unit(i, 2) - 1.5, 4.0 + 6.0 * unit(i, 3)))
                 .collect();
-            let pixel = |lens: &Lens, p: &Point3<f64>| {
-                Point2::from(lens.focal.component_mul(&(p.coords.xy() / p.z)) + lens.centre)
-            };
+            let pixel = |lens: &Lens, p: &Point3<f64>| Point2::from(lens.project(&p.coords, 0.0));
             prop_assume!(points.iter().all(|p| (pose * p).z > 0.1));
             let pairs: Vec<PixelPair> =
                 points.iter().map(|p| (pixel(&lenses[0], p), pixel(&lenses[1], &(pose * p)))).collect();
-            let inverse = |lens: &Lens| {
-                let (f, c) = (lens.focal, lens.centre);
-                Matrix3::new(f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0).try_inverse().unwrap()
-            };
+            let inverse = |lens: &Lens| intrinsics(lens).try_inverse().unwrap();
             let e = translation.cross_matrix() * rotation.to_rotation_matrix().into_inner();
             let f = inverse(&lenses[1]).transpose() * e * inverse(&lenses[0]);
             let (found, depth) = motion(&f, &pairs, [&lenses[0], &lenses[1]]).unwrap();

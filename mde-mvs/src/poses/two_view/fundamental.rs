@@ -163,10 +163,8 @@ mod tests {
                 let z = uniform(2.0, 6.0);
                 let point = Point3::new(uniform(-0.5, 0.5) * z, uniform(-0.4, 0.4) * z, z);
                 let there = turn * point + Vector3::new(0.3, -0.1, 0.05);
-                let pixel =
-                    |p: Point3<f64>| Point2::new(500.0 * p.x / p.z + 320.0, 500.0 * p.y / p.z + 240.0);
-                let mut shaken =
-                    |p: Point2<f64>| Point2::new(p.x + uniform(-noise, noise), p.y + uniform(-noise, noise));
+                let pixel = |p: Point3<_>| Point2::new(500.0 * p.x / p.z + 320.0, 500.0 * p.y / p.z + 240.0);
+                let mut shaken = |p: Point2<_>| p + Vector2::from_fn(|_, _| uniform(-noise, noise));
                 let first = shaken(pixel(point));
                 let second = shaken(pixel(there));
                 let elsewhere = Point2::new(uniform(0.0, 640.0), uniform(0.0, 480.0));

@@ -114,8 +114,8 @@ pub(super) fn relative_pose(
 fn unmoved([a, b]: [&FeatureImage; 2], found: &[[usize; 2]]) -> Option<Vec<[usize; 2]>> {
     let size = |image: &FeatureImage| image.prior.as_ref().map(|prior| prior.dim());
     let limit = EPIPOLAR_PIXELS * a.lens.noise;
-    let kept: Vec<_> =
-        found.iter().copied().filter(|[i, j]| (a.pixel(*i) - b.pixel(*j)).norm() < limit).collect();
+    let still = |&[i, j]: &[usize; 2]| (a.pixel(i) - b.pixel(j)).norm() < limit;
+    let kept: Vec<_> = found.iter().copied().filter(still).collect();
     let most = kept.len() >= MIN_MATCHES && 4 * kept.len() >= 3 * found.len();
     (most && size(a) == size(b)).then_some(kept)
 }
@@ -138,13 +138,10 @@ fn from_prior(
     ransac: &Ransac,
 ) -> Option<Fitted> {
     let depths: Vec<Option<f64>> = pixels.iter().map(|(p, _)| a.log_prior(p)).collect();
-    let lifted: Vec<(Point3<f64>, Vector3<f64>)> = pixels
-        .iter()
-        .zip(&depths)
-        .filter_map(|((p, q), depth)| {
-            Some((Point3::from(a.lens.ray(p, 0.0) * (*depth)?.exp()), b.lens.ray(q, 0.0)))
-        })
-        .collect();
+    let lifted = |((p, q), depth): (&PixelPair, &Option<f64>)| {
+        Some((Point3::from(a.lens.ray(p, 0.0) * (*depth)?.exp()), b.lens.ray(q, 0.0)))
+    };
+    let lifted: Vec<_> = pixels.iter().zip(&depths).filter_map(lifted).collect();
     let start = resect(&lifted, &b.lens, ransac)?;
 
     // The matches are those that obey the matrix, right or wrong: a prior that tells shapes apart is the better start.

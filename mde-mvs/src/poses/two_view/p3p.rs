@@ -16,8 +16,8 @@ const SHARED: f64 = 1e-4;
 /// leave a quartic in \\( v \\).
 pub(super) fn p3p(points: [Point3<f64>; 3], rays: [Vector3<f64>; 3]) -> Vec<Pose> {
     let j = rays.map(|ray| ray.normalize());
-    let [a2, b2, c2] =
-        [(1, 2), (0, 2), (0, 1)].map(|(m, n): (usize, usize)| (points[m] - points[n]).norm_squared());
+    let [p, q, r] = points;
+    let [a2, b2, c2] = [q - r, p - r, p - q].map(|side| side.norm_squared());
     if a2.min(b2).min(c2) <= 1e-18 * a2.max(b2).max(c2) || !(a2 + b2 + c2).is_finite() {
         return Vec::new();
     }

@@ -34,17 +34,13 @@ pub(super) fn real_roots<const N: usize>(a: [f64; N]) -> Vec<f64> {
 /// measure zero.
 fn complex_roots(a: &[f64]) -> Vec<Complex<f64>> {
     let largest = a.iter().fold(0.0, |m: f64, c| m.max(c.abs()));
-    let Some(degree) = a.iter().rposition(|c| c.abs() > 1e-14 * largest).filter(|_| largest.is_finite())
-    else {
-        return Vec::new();
-    };
+    let degree = a.iter().rposition(|c| c.abs() > 1e-14 * largest);
+    let Some(degree) = degree.filter(|_| largest.is_finite()) else { return Vec::new() };
     let monic: Vec<f64> = a[..=degree].iter().map(|c| c / a[degree]).collect();
     let bound = 1.0 + monic[..degree].iter().fold(0.0, |m: f64, c| m.max(c.abs()));
     // Fujiwara's bound is closer to the roots than Cauchy's where coefficients differ much.
-    let radius = (0..degree)
-        .map(|i| monic[i].abs().powf(1.0 / (degree - i) as f64))
-        .fold(0.0, f64::max)
-        .clamp(1e-12, bound);
+    let radii = (0..degree).map(|i| monic[i].abs().powf(1.0 / (degree - i) as f64));
+    let radius = radii.fold(0.0, f64::max).clamp(1e-12, bound);
     let mut roots: Vec<Complex<f64>> = (0..degree)
         .map(|k| Complex::from_polar(radius, 0.7 + std::f64::consts::TAU * k as f64 / degree as f64))
         .collect();
@@ -53,8 +49,8 @@ fn complex_roots(a: &[f64]) -> Vec<Complex<f64>> {
         for i in 0..degree {
             let x = roots[i];
             let value = monic.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * x + c);
-            let apart =
-                (0..degree).filter(|&j| j != i).fold(Complex::new(1.0, 0.0), |p, j| p * (x - roots[j]));
+            let others = (0..degree).filter(|&j| j != i);
+            let apart = others.fold(Complex::new(1.0, 0.0), |product, j| product * (x - roots[j]));
             let step = value / apart;
             if step.re.is_finite() && step.im.is_finite() {
                 roots[i] -= step;

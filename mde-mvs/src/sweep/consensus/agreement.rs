@@ -74,11 +74,13 @@ mod tests {
     use super::*;
     use crate::synthetic::room;
 
+    fn exact(depth: &Array2<f32>) -> GaussianDepth {
+        GaussianDepth::new(depth.clone(), depth.mapv(|_| 1e-4)).unwrap()
+    }
+
     #[test]
     fn agreement_is_counted_there_and_back() {
         let (views, depths, _) = room(1.0);
-        let exact =
-            |d: &Array2<f32>| GaussianDepth::new(d.clone(), Array2::from_elem(d.dim(), 1e-4)).unwrap();
         let mut maps: Vec<GaussianDepth> = depths.iter().map(exact).collect();
         let count = |maps: &[GaussianDepth]| {
             let maps: Vec<&GaussianDepth> = maps.iter().collect();
@@ -96,11 +98,9 @@ mod tests {
     #[test]
     fn hundreds_of_views_are_counted_to_255() {
         let (views, depths, _) = room(1.0);
-        let exact = GaussianDepth::new(depths[0].clone(), Array2::from_elem(depths[0].dim(), 1e-4)).unwrap();
-        let views = vec![views[0].clone(); 300];
-        let maps = vec![&exact; 300];
+        let (views, exact) = (vec![views[0].clone(); 300], exact(&depths[0]));
         let others: Vec<usize> = (0..300).collect();
-        let found = agreement(&views, &maps, 0, &others).unwrap();
+        let found = agreement(&views, &[&exact; 300], 0, &others).unwrap();
         assert_eq!((found.agree[(36, 48)], found.visible[(36, 48)]), (255, 255));
     }
 }

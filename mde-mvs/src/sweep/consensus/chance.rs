@@ -19,25 +19,21 @@ const PHOTOGRAPHS: f32 = 6.0;
 /// Probability that a match is right, from its posterior mass, its cost and the other photographs. One that no other photograph
 /// confirms is not trusted: the coefficients are of four photographs and more, several of which contradict a wrong match.
 pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
-    let mut chance =
-        Zip::from(&sweep.inlier).and(&sweep.cost).and(&agreement.agree).and(&agreement.visible).map_collect(
-            |&mass, &cost, &agree, &visible| {
-                let odds = (mass.max(1e-3) / (1.0 - mass).max(0.02)).ln();
-                let none = if agree == 0 { 1.0 } else { 0.0 };
-                let share = (PHOTOGRAPHS / f32::from(visible.max(1))).min(1.0);
-                let terms = [1.0, odds, share * f32::from(visible - agree), none, cost];
-                let logit: f32 = CHANCE.iter().zip(terms).map(|(c, t)| c * t).sum();
-                let chance = 1.0 / (1.0 + (-logit).exp());
-                if agree == 0 { chance.min(TRUSTED) } else { chance }
-            },
-        );
-    // The best surface at either end is no match.
-    Zip::from(&mut chance).and(&sweep.inlier).for_each(|c, &mass| {
+    let chance = |&mass: &f32, &cost: &f32, &agree: &u8, &visible: &u8| {
+        // The best surface at either end is no match.
         if mass == 0.0 {
-            *c = 0.0;
+            return 0.0;
         }
-    });
-    chance
+        let odds = (mass.max(1e-3) / (1.0 - mass).max(0.02)).ln();
+        let none = if agree == 0 { 1.0 } else { 0.0 };
+        let share = (PHOTOGRAPHS / f32::from(visible.max(1))).min(1.0);
+        let terms = [1.0, odds, share * f32::from(visible - agree), none, cost];
+        let logit: f32 = CHANCE.iter().zip(terms).map(|(c, t)| c * t).sum();
+        let chance = 1.0 / (1.0 + (-logit).exp());
+        if agree == 0 { chance.min(TRUSTED) } else { chance }
+    };
+    let Agreement { agree, visible } = agreement;
+    Zip::from(&sweep.inlier).and(&sweep.cost).and(agree).and(visible).map_collect(chance)
 }
 
 /// The more probable of two matches per pixel; the second only where the first is not trusted.
@@ -64,19 +60,22 @@ pub(super) fn better(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+    use ndarray::array;
+
+    /// A sweep of one depth and variance, with the full mass and no cost.
+    pub(in crate::sweep) fn sure(shape: (usize, usize), depth: f32, variance: f32) -> Sweep {
+        let [mean, variance, inlier, cost] =
+            [depth, variance, 1.0, 0.0].map(|value| Array2::from_elem(shape, value));
+        Sweep { depth: GaussianDepth::new(mean, variance).unwrap(), inlier, cost, surfaces: 8 }
+    }
 
     /// A match of full mass and no cost, that one of two photographs confirms or none.
     #[test]
     fn a_match_that_no_photograph_confirms_is_not_trusted() {
-        let shape = (1, 2);
-        let depth = GaussianDepth::new(Array2::ones(shape), Array2::ones(shape)).unwrap();
-        let (inlier, cost) = (Array2::ones(shape), Array2::zeros(shape));
-        let sweep = Sweep { depth, inlier, cost, surfaces: 8 };
-        let agree = ndarray::array![[1, 0]];
-        let agreement = Agreement { agree, visible: Array2::ones(shape) };
-        let found = chances(&sweep, &agreement);
+        let agreement = Agreement { agree: array![[1, 0]], visible: array![[1, 1]] };
+        let found = chances(&sure((1, 2), 1.0, 1.0), &agreement);
         assert!(found[(0, 0)] > 0.9, "{}", found[(0, 0)]);
         assert!(found[(0, 1)] <= TRUSTED && found[(0, 1)] > 0.0, "{}", found[(0, 1)]);
     }
@@ -84,11 +83,8 @@ mod tests {
     /// Where two in three photographs agree, thirty are no less reason to trust than six.
     #[test]
     fn more_photographs_of_which_as_many_agree_are_trusted_as_much() {
-        let shape = (1, 2);
-        let depth = GaussianDepth::new(Array2::ones(shape), Array2::ones(shape)).unwrap();
-        let sweep = Sweep { depth, inlier: Array2::ones(shape), cost: Array2::zeros(shape), surfaces: 8 };
-        let agreement = Agreement { agree: ndarray::array![[4, 20]], visible: ndarray::array![[6, 30]] };
-        let found = chances(&sweep, &agreement);
+        let agreement = Agreement { agree: array![[4, 20]], visible: array![[6, 30]] };
+        let found = chances(&sure((1, 2), 1.0, 1.0), &agreement);
         assert!((found[(0, 0)] - found[(0, 1)]).abs() < 1e-6, "{found}");
     }
 }

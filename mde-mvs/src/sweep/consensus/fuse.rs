@@ -1,18 +1,19 @@
-//! A sweep and the scaled prior as one map.
+//! A sweep and the scaled prior as one map, and by how much the variances of such maps are too small.
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
+use mde_warp::transfer::PlaneTransfer;
 use ndarray::{Array2, Zip};
+use rayon::prelude::*;
 
+use super::Agreement;
 use super::chance::TRUSTED;
 use crate::Result;
 use crate::raster::luma;
 use crate::statistics::robust_deviation;
 use crate::sweep::Sweep;
-use crate::sweep::correction::{Guide, correct};
-
-/// The differences of luma and of log depth at which a correction stops.
-const EDGES: [f32; 2] = [0.1, 0.1];
+use crate::sweep::correction::correct;
 
 /// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
 /// both are fused by precision, the sweep being right with a probability only.
@@ -57,22 +58,18 @@ pub(super) fn fuse(
         let r = if z > 0.0 { z.ln() - p } else { 0.0 };
         if r.is_finite() { r } else { 0.0 }
     });
-    let known =
-        |y: usize, x: usize| sweep.depth.get(y, x).filter(|(z, _)| *z > 0.0 && log_prior[(y, x)].is_finite());
+    let known = |y, x| sweep.depth.get(y, x).filter(|(z, _)| *z > 0.0 && log_prior[(y, x)].is_finite());
     let trusted = |c: f32| if c > TRUSTED { c } else { 0.0 };
     let weight = Array2::from_shape_fn(shape, |(y, x)| known(y, x).map_or(0.0, |_| trusted(chance[(y, x)])));
-    let spread =
-        robust_deviation(residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0).map(|(r, _)| f64::from(*r)));
+    let matched = residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0);
+    let spread = robust_deviation(matched.map(|(r, _)| f64::from(*r)));
     let spread = spread.unwrap_or(0.2).clamp(0.02, 1.0) as f32;
     let filled = log_prior.mapv(|p| if p.is_finite() { p } else { 0.0 });
-    let guide = Guide::new(luma(view.image.view()).view(), filled.view(), EDGES);
-    let field = correct(&residual, &weight, &guide, spread);
+    let field = correct(&residual, &weight, [&luma(view.image.view()), &filled], spread);
     // A wrong match lies anywhere among the surfaces.
     let anywhere = 1.0 / (2.0 * factor.ln()) as f32;
-    let (mut mean, mut variance) = (Array2::zeros(shape), Array2::from_elem(shape, f32::INFINITY));
-    let mut inlier = Array2::zeros(shape);
-    let mut corrected = Array2::zeros(shape);
-    let mut ambiguity = Array2::zeros(shape);
+    let [mut mean, mut inlier, mut corrected, mut ambiguity] = [(); 4].map(|()| Array2::zeros(shape));
+    let mut variance = Array2::from_elem(shape, f32::INFINITY);
     for (at, &p) in log_prior.indexed_iter() {
         if !p.is_finite() {
             if let Some((z, v)) = sweep.depth.get(at.0, at.1) {
@@ -103,9 +100,55 @@ pub(super) fn fuse(
     Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected, ambiguity })
 }
 
+/// Factor on the variances, at least 1, that makes them consistent with the differences between photographs.
+///
+/// Matches of neighbours share their errors, so that variances which take them as independent are too small. Where two
+/// verified maps meet, 90 % of the differences should lie within 1.645 standard deviations.
+pub(super) fn inflation(views: &[&PosedView], maps: &[(Fused, Agreement, f32)]) -> f32 {
+    let pairs = (0..views.len()).flat_map(|i| (0..views.len()).map(move |j| (i, j)));
+    let pairs: Vec<(usize, usize)> = pairs.filter(|(i, j)| i != j).collect();
+    let mut scores: Vec<f64> = pairs
+        .par_iter()
+        .flat_map_iter(|&(i, j)| {
+            let carried = splat(views[j], &maps[j].0, &maps[j].1, views[i]);
+            let (own, agreement) = (&maps[i].0.depth, &maps[i].1.agree);
+            let score = |((y, x), &(log, v)): ((usize, usize), &(f32, f32))| {
+                let (z, variance) = own.get(y, x).filter(|(z, _)| *z > 0.0)?;
+                let seen = v.is_finite() && agreement[(y, x)] > 0;
+                let total = v + variance / (z * z);
+                (seen && total > 0.0).then(|| f64::from((log - z.ln()).powi(2) / total))
+            };
+            carried.indexed_iter().step_by(7).filter_map(score).collect::<Vec<_>>()
+        })
+        .collect();
+    let high = quantile(&mut scores, 0.9).unwrap_or(1.0);
+    (high / 1.645_f64.powi(2)).clamp(1.0, 1e4) as f32
+}
+
+/// Log depth and its variance of one view's verified pixels seen from another, the nearest where several land.
+fn splat(from: &PosedView, map: &Fused, agreement: &Agreement, to: &PosedView) -> Array2<(f32, f32)> {
+    let transfer = PlaneTransfer::new(from, to);
+    let mut out = Array2::from_elem(to.camera.dim(), (f32::INFINITY, f32::INFINITY));
+    for ((y, x), &z) in map.depth.mean().indexed_iter() {
+        let v = map.depth.variance()[(y, x)];
+        let verified = agreement.agree[(y, x)] > 0 && map.inlier[(y, x)] > TRUSTED;
+        if !(verified && z > 0.0 && v.is_finite()) {
+            continue;
+        }
+        let Some(seen) = transfer.at(x as f64, y as f64, 1.0 / f64::from(z)) else { continue };
+        let Some(at) = transfer.nearest(&seen) else { continue };
+        let there = (f64::from(z) * seen.ratio).ln() as f32;
+        if there < out[at].0 {
+            out[at] = (there, v / (z * z));
+        }
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sweep::consensus::chance::tests::sure;
     use crate::synthetic::room;
 
     /// Equal matches on the right give the correction on the left a small variance; where nothing is visible it has to be the prior's.
@@ -114,9 +157,7 @@ mod tests {
         let view = room(1.0).0.swap_remove(0);
         let shape = view.camera.dim();
         let prior = GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.01)).unwrap();
-        let depth =
-            GaussianDepth::new(Array2::from_elem(shape, 1.2), Array2::from_elem(shape, 1e-6)).unwrap();
-        let sweep = Sweep { depth, inlier: Array2::ones(shape), cost: Array2::zeros(shape), surfaces: 8 };
+        let sweep = sure(shape, 1.2, 1e-6);
         let seen = Array2::from_shape_fn(shape, |(_, x)| x >= 8);
         let chance = seen.mapv(|seen| if seen { 0.95 } else { 0.0 });
         let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();

@@ -6,7 +6,6 @@
 mod agreement;
 mod chance;
 mod fuse;
-mod inflation;
 mod sweeps;
 
 use mde_uncertainty::GaussianDepth;

@@ -5,11 +5,10 @@ use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::chance::{better, chances};
-use super::fuse::fuse;
-use super::inflation::inflation;
+use super::fuse::{fuse, inflation};
 use super::{Reconstruction, ViewDepth, agreement, matches_of};
 use crate::raster::{enlarge, small_map, small_view};
 use crate::sweep::scale::{Gauge, Scale};
@@ -40,8 +39,8 @@ pub struct Sweeps {
     priors: Vec<Array2<f32>>,
     /// The common factor of the priors.
     pub scale: Option<Scale>,
-    coarse: Vec<Option<Coarse>>,
-    fine: Vec<Option<Fine>>,
+    coarse: BTreeMap<usize, Coarse>,
+    fine: BTreeMap<usize, Fine>,
     /// Those with a last sweep, the latest used at the end.
     used: Vec<usize>,
 }
@@ -101,8 +100,7 @@ impl Sweeps {
             Ok(small)
         });
         let small = small.collect::<Result<Vec<_>>>()?;
-        let none = |_: &PosedView| None;
-        let (coarse, fine) = (views.iter().map(none).collect(), views.iter().map(|_| None).collect());
+        let (coarse, fine) = (BTreeMap::new(), BTreeMap::new());
         Ok(Self { sources, small, priors, scale: None, coarse, fine, used: Vec::new() })
     }
 
@@ -144,16 +142,14 @@ impl Sweeps {
             return Err(Error::Reference { reference, views: views.len() });
         }
         self.sweep_coarsely(members)?;
-        let missing: Vec<usize> = members.iter().copied().filter(|&i| self.fine[i].is_none()).collect();
+        let missing: Vec<usize> = members.iter().copied().filter(|i| !self.fine.contains_key(i)).collect();
         for (done, &i) in missing.iter().enumerate() {
-            self.fine[i] = Some(self.swept(views, i, prior(i))?);
+            self.fine.insert(i, self.swept(views, i, prior(i))?);
             notify(callback, done + 1, missing.len())?;
         }
         self.used.retain(|view| !members.contains(view));
         self.used.extend(members);
-        let fine =
-            members.iter().map(|&i| self.fine[i].as_ref().ok_or(Error::Reference { reference: i, views: 0 }));
-        let fine = fine.collect::<Result<Vec<&Fine>>>()?;
+        let fine = found(&self.fine, members)?;
         let depths: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.sweep.depth).collect();
         let corrected: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.corrected).collect();
         let views: Vec<&PosedView> = members.iter().map(|&i| &views[i]).collect();
@@ -163,8 +159,7 @@ impl Sweeps {
             let Fine { corrected: prior, sweep, .. } = fine[i];
             let chance = chances(sweep, &agreement);
             let visible = self::agreement(&views, &corrected, i, &everyone)?.visible;
-            let seen =
-                Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
+            let seen = Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&n, &z| n > 0 && z > 0.0);
             let map = fuse(views[i], prior, sweep, &chance, NARROW)?;
             let map = map.without_unseen(&seen, prior)?;
             let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
@@ -173,7 +168,7 @@ impl Sweeps {
         };
         let fused = everyone.par_iter().map(fused).collect::<Result<Vec<_>>>()?;
         let inflation = inflation(&views, &fused);
-        let found = fused.into_iter().zip(&fine).map(|((map, agreement, verified), fine)| ViewDepth {
+        let views = fused.into_iter().zip(&fine).map(|((map, agreement, verified), fine)| ViewDepth {
             prior: fine.prior.clone(),
             sweep: fine.sweep.clone(),
             fused: map.depth.map(|m, v| (m, inflation * v)),
@@ -181,15 +176,14 @@ impl Sweeps {
             verified,
             ambiguity: map.ambiguity,
         });
-        let views = found.collect();
+        let views = views.collect();
         let surplus = self.used.len().saturating_sub(KEPT.max(members.len()));
         for view in self.used.drain(..surplus) {
-            self.fine[view] = None;
+            self.fine.remove(&view);
         }
         let sources = self.used.iter().flat_map(|&view| &self.sources[view]);
         let near: BTreeSet<usize> = self.used.iter().chain(sources).copied().collect();
-        let far = self.coarse.iter_mut().enumerate().filter(|(view, _)| !near.contains(view));
-        far.for_each(|(_, coarse)| *coarse = None);
+        self.coarse.retain(|view, _| near.contains(view));
         Ok(Reconstruction { scale: self.scale, views, inflation })
     }
 
@@ -208,11 +202,9 @@ impl Sweeps {
             let planes = Surfaces::Planes { near, far: f64::INFINITY };
             Ok(Coarse { wide, whole: sweep(&self.small, i, &self.sources[i], planes)? })
         };
-        let missing: Vec<usize> = needed.into_iter().filter(|&i| self.coarse[i].is_none()).collect();
-        let found = missing.par_iter().map(|&i| of(i)).collect::<Result<Vec<_>>>()?;
-        for (i, found) in missing.into_iter().zip(found) {
-            self.coarse[i] = Some(found);
-        }
+        let missing: Vec<usize> = needed.into_iter().filter(|i| !self.coarse.contains_key(i)).collect();
+        let found = missing.into_par_iter().map(|i| Ok((i, of(i)?))).collect::<Result<Vec<_>>>()?;
+        self.coarse.extend(found);
         Ok(())
     }
 
@@ -221,9 +213,7 @@ impl Sweeps {
         check_map("prior", prior.dim(), &views[view].camera)?;
         let others = self.sources[view].iter().copied().filter(|&source| source != view);
         let group: Vec<usize> = std::iter::once(view).chain(others).collect();
-        let coarse =
-            group.iter().map(|&i| self.coarse[i].as_ref().ok_or(Error::Reference { reference: i, views: 0 }));
-        let coarse = coarse.collect::<Result<Vec<&Coarse>>>()?;
+        let coarse = found(&self.coarse, &group)?;
         let small: Vec<&PosedView> = group.iter().map(|&i| &self.small[i]).collect();
         let everyone: Vec<usize> = (0..group.len()).collect();
         let judged = |of: fn(&Coarse) -> &Sweep| -> Result<Array2<f32>> {
@@ -248,16 +238,18 @@ impl Sweeps {
         let ratio = enlarge(&ratio, h, w);
         let prior = gauge.apply(prior.view())?;
         let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
-        let sweep = sweep(
-            views,
-            view,
-            &self.sources[view],
-            Surfaces::Around { depth: centre.view(), factor: NARROW },
-        )?;
+        let around = Surfaces::Around { depth: centre.view(), factor: NARROW };
+        let sweep = sweep(views, view, &self.sources[view], around)?;
         let variance = Zip::from(&centre)
             .and(prior.mean())
             .and(prior.variance())
             .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
         Ok(Fine { prior, corrected: GaussianDepth::new(centre, variance)?, sweep })
     }
+}
+
+/// Those of the photographs.
+fn found<'s, T>(swept: &'s BTreeMap<usize, T>, photographs: &[usize]) -> Result<Vec<&'s T>> {
+    let of = |&reference: &usize| swept.get(&reference).ok_or(Error::Reference { reference, views: 0 });
+    photographs.iter().map(of).collect()
 }

@@ -39,11 +39,8 @@ pub const MILLIMETRES: f64 = 1000.0;
 /// A parser's result: the map, or the reason and remedy (the caller names the file).
 type Parsed<T> = std::result::Result<T, String>;
 
-/// Samples of a file and whether they are integers, which carry a scale.
-struct Samples {
-    map: Array2<f32>,
-    integer: bool,
-}
+/// A map, and whether its samples are integers, which carry a scale.
+type Samples = (Array2<f32>, bool);
 
 /// A depth file format, by its extension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -167,12 +164,12 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
         }
         None => None,
     };
-    let Samples { mut map, integer } = match format {
-        Format::Png => Samples { map: png::parse(bytes, options.eight_bits)?, integer: true },
+    let (mut map, integer) = match format {
+        Format::Png => (png::parse(bytes, options.eight_bits)?, true),
         Format::Npy => npy::parse(bytes)?,
         Format::Npz => npz::parse(bytes, options.npz_array.as_deref())?,
-        Format::Pfm => Samples { map: pfm::parse(bytes)?, integer: false },
-        Format::Exr => Samples { map: exr::parse(bytes)?, integer: false },
+        Format::Pfm => (pfm::parse(bytes)?, false),
+        Format::Exr => (exr::parse(bytes)?, false),
     };
     let scale = match integer {
         true => options.png_scale.or(stated).unwrap_or(MILLIMETRES),
@@ -200,16 +197,13 @@ pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Arr
 /// [`Error::Write`]; [`Error::Malformed`] for another extension, or when the map is empty, holds NaN, or does not fit into 16 bits.
 pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
     let path = path.as_ref();
-    let format = Format::of(path)?;
-    check_map(path, map)?;
-    let bytes = match format {
-        Format::Png => png::encode(map, MILLIMETRES),
-        Format::Npy => Ok(npy::encode(map)),
-        Format::Npz => npz::encode(&[("depth", map)]),
-        Format::Pfm => Ok(pfm::encode(map)),
-        Format::Exr => exr::encode(&[("Z", map)]),
-    };
-    write(path, bytes)
+    match Format::of(path)? {
+        Format::Png => write_png16(path, map, MILLIMETRES),
+        Format::Npy => write_npy(path, map),
+        Format::Npz => write_npz(path, &[("depth", map)]),
+        Format::Pfm => check_map(path, map).and_then(|()| write(path, Ok(pfm::encode(map)))),
+        Format::Exr => write_exr(path, &[("Z", map)]),
+    }
 }
 
 fn write(path: &Path, bytes: Parsed<Vec<u8>>) -> Result<()> {
@@ -343,17 +337,14 @@ fn first_nan(map: ArrayView2<'_, f32>) -> Option<(usize, usize)> {
 }
 
 fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {
-    if map.is_empty() || map.len() > MAX_PIXELS {
-        let reason =
-            format!("a map of shape {:?} cannot be written; give 1 to {MAX_PIXELS} pixels", map.dim());
-        return Err(Error::malformed(path, reason));
-    }
-    if let Some((row, column)) = first_nan(map) {
-        let reason =
-            format!("NaN at row {row}, column {column} is not written; use 0 where a value is missing");
-        return Err(Error::malformed(path, reason));
-    }
-    Ok(())
+    let reason = if map.is_empty() || map.len() > MAX_PIXELS {
+        format!("a map of shape {:?} cannot be written; give 1 to {MAX_PIXELS} pixels", map.dim())
+    } else if let Some((row, column)) = first_nan(map) {
+        format!("NaN at row {row}, column {column} is not written; use 0 where a value is missing")
+    } else {
+        return Ok(());
+    };
+    Err(Error::malformed(path, reason))
 }
 
 fn check_scale(field: &'static str, scale: f64) -> Result<()> {

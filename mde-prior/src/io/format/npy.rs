@@ -12,19 +12,13 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 /// Header and data of `[height, width]` little-endian `f32`.
 pub(super) fn encode(map: ArrayView2<'_, f32>) -> Vec<u8> {
     let (height, width) = map.dim();
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
+    let dictionary = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
     // Magic, version and length are 10 bytes; the data starts at a multiple of 64.
-    while (header.len() + 11) % 64 != 0 {
-        header.push(' ');
-    }
-    header.push('\n');
-    let start = 10 + header.len();
-    let mut bytes = Vec::with_capacity(start + 4 * map.len());
-    bytes.extend_from_slice(MAGIC);
-    bytes.extend_from_slice(&[1, 0]);
+    let start = (dictionary.len() + 11).next_multiple_of(64);
+    let header = format!("{dictionary:<0$}\n", start - 11);
     // Two numbers of at most 20 digits: far below 2^16.
-    bytes.extend_from_slice(&(header.len() as u16).to_le_bytes());
-    bytes.extend_from_slice(header.as_bytes());
+    let length = (header.len() as u16).to_le_bytes();
+    let mut bytes = [MAGIC, &[1, 0], &length, header.as_bytes()].concat();
     bytes.resize(start + 4 * map.len(), 0);
     let samples = bytes[start..].as_chunks_mut::<4>().0;
     samples.iter_mut().zip(map).for_each(|(sample, value)| *sample = value.to_le_bytes());
@@ -56,7 +50,7 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed<Samples> {
         _ => data.chunks_exact(sample.size).map(|raw| sample.decode(raw)).collect(),
     };
     let map = Array2::from_shape_vec((height, width).set_f(fortran), values).map_err(|e| e.to_string())?;
-    Ok(Samples { map, integer: sample.kind != b'f' })
+    Ok((map, sample.kind != b'f'))
 }
 
 fn no_key(key: &str) -> String {
@@ -136,10 +130,8 @@ impl Sample {
     }
 
     fn decode(&self, raw: &[u8]) -> f32 {
-        let mut bytes: [u8; 8] = [0; 8];
-        for (to, from) in bytes.iter_mut().zip(raw) {
-            *to = *from;
-        }
+        let mut bytes = [0_u8; 8];
+        bytes[..self.size].copy_from_slice(raw);
         if self.big_endian {
             bytes[..self.size].reverse();
         }

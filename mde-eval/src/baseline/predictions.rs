@@ -1,7 +1,19 @@
 use super::{check, known};
-use crate::raster::blur;
+use crate::raster::{blur, same_shape};
 use crate::{Method, Refined, Result, Task};
+use mde_prior::{DepthKind, PriorDepth, augment};
 use ndarray::{Array2, ArrayView2, Zip, s};
+
+/// Mean of the prior and the model's depth of the mirror image, mirrored back: errors that depend on the side cancel.
+pub fn flip_average(task: &Task<'_>) -> Result<Refined> {
+    check(task)?;
+    let mirrored = task.predict(task.image.slice(s![.., ..;-1, ..]))?;
+    same_shape("the model's depth of the mirror image", mirrored.dim(), task.prior.dim())?;
+    let depths = |map| PriorDepth::from_values(map, DepthKind::Metric);
+    let mut depth = augment::flip_average(depths(task.prior.to_owned())?, &depths(mirrored)?)?.map;
+    depth.zip_mut_with(&task.prior, |d, prior| *d = if known(*prior) { *d } else { 0.0 });
+    Ok(depth.into())
+}
 
 /// Runs the model on zoomed crops and merges their detail, after the double estimation of Miangoleh et al. (CVPR 2021), by
 /// filters alone.
@@ -59,7 +71,7 @@ fn grid(task: &Task<'_>, logs: &Array2<f64>, n: usize) -> Result<Array2<f64>> {
             let (y, x) = (start(row, height, tall), start(column, width, wide));
             let window = s![y..y + tall, x..x + wide];
             let crop = task.predict(task.image.slice(s![y..y + tall, x..x + wide, ..]))?;
-            crate::raster::same_shape("the model's depth of a crop", crop.dim(), (tall, wide))?;
+            same_shape("the model's depth of a crop", crop.dim(), (tall, wide))?;
             let Some(detail) = detail(crop.view(), logs.slice(window)) else { continue };
             let hann = |at: usize, side: usize| {
                 (std::f64::consts::PI * (at as f64 + 0.5) / side as f64).sin().powi(2)
