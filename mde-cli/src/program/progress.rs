@@ -18,6 +18,9 @@ use std::time::{Duration, Instant};
 /// Least time between two drawings of a line.
 const REDRAW: Duration = Duration::from_millis(50);
 
+/// Least time between two lines of a stage where there is no terminal.
+const LINES: Duration = Duration::from_secs(10);
+
 const WARNING: &str = "warning:";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,13 +38,14 @@ struct Current {
     drawn: Option<Instant>,
     /// What is done of how much, where that is known.
     counts: Option<[usize; 2]>,
-    /// Tenths that have been printed.
-    tenths: usize,
+    /// When a line of it was last printed.
+    printed: Instant,
 }
 
 impl Current {
     fn new(name: String) -> Self {
-        Self { name, start: Instant::now(), drawn: None, counts: None, tenths: 0 }
+        let start = Instant::now();
+        Self { name, start, drawn: None, counts: None, printed: start }
     }
 
     fn seconds(&self) -> f64 {
@@ -199,9 +203,11 @@ impl Progress {
         let current = self.current.get_or_insert_with(|| Current::new(stage.name().to_owned()));
         current.counts = Some(counts);
         let left = current.seconds() * all.saturating_sub(done) as f64 / done.max(1) as f64;
-        let tenths = 10 * done / all.max(1);
-        let is_next = tenths > std::mem::replace(&mut current.tenths, tenths);
-        if self.mode == Mode::Json || self.mode == Mode::Lines && is_next {
+        let due = self.mode == Mode::Lines && current.printed.elapsed() >= LINES;
+        if due {
+            current.printed = Instant::now();
+        }
+        if self.mode == Mode::Json || due {
             value["iteration"] = json!(self.iteration[0]);
             self.report(&format!("  {} {done}/{all} {text}", stage.name()), value);
         }

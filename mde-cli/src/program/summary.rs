@@ -12,11 +12,13 @@ pub(crate) fn intervals(error_bar: &ErrorBar) -> String {
     error_bar.probability().map(line).unwrap_or_default()
 }
 
+const COMMON: &str = "\nscale: all depths may be off by one common factor";
+
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
 pub(crate) fn summary(result: &Refined<'_>) -> String {
     let Refined { refinement, unit, stated, origin, scene, camera, .. } = result;
     // A network's metres have a scale of their own.
-    let of_model = origin.model.is_some() && scene.known.is_none() && !scene.is_several();
+    let of_model = origin.model.is_some() && scene.known.is_none() && *unit != "capture";
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
@@ -56,13 +58,13 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
     let scale = match (&stated.scale, of_model) {
         (Some(scale), _) => {
             let share = percent(Some(scale.relative));
-            format!("; the scale of the whole map: {share} beside sigma ({})", scale.by)
+            format!("{COMMON}, +-{share} ({}), beside sigma", scale.by)
         }
-        (None, true) => "; the scale of the whole map is not in it".to_owned(),
+        (None, true) => format!("{COMMON}, which is not in sigma; --scale-from gives it"),
         (None, false) => String::new(),
     };
     let mut lines = vec![format!(
-        "depth: {change}\nsigma: median {}{unit}, {} of the depth{assumed}{scale}",
+        "depth: {change}{scale}\nsigma: median {}{unit}, {} of the depth{assumed}",
         number(median(known), 3),
         percent(median(relative)),
     )];

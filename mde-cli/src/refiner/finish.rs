@@ -4,7 +4,7 @@ use crate::config::Config;
 use crate::error::{Error, Result, text};
 use crate::prior::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
-use crate::refiner::plausibility::doubts;
+use crate::refiner::plausibility::{contradicted, doubts};
 use crate::refiner::{Prepared, Settings, Stated};
 use crate::reports::{Component, Refinement};
 use crate::scene::{CameraSource, KnownCamera, SameScale, Scene, byte, thumbnail};
@@ -126,6 +126,9 @@ impl<'s> Prepared<'s> {
         }
         let scaled = scene.known.is_some();
         doubts(&refinement.prior, origin, config, scaled).into_iter().for_each(&mut *warn);
+        if used && unit == Unit::Prior && !scaled {
+            contradicted(&refinement, origin).into_iter().for_each(&mut *warn);
+        }
         if let Some(reason) = refinement.augmentation.skipped {
             warn(format!("no test-time augmentation: {reason}; give {{prior-model}} to use it"));
         }

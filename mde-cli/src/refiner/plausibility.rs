@@ -2,9 +2,11 @@
 
 use crate::config::Config;
 use crate::prior::PriorOrigin;
+use crate::reports::Refinement;
 use mde_prior::DepthKind;
-use mde_uncertainty::statistics::quantile;
+use mde_uncertainty::statistics::{median, quantile};
 use ndarray::Array2;
+use std::f64::consts::LN_2;
 
 /// Share of the pixels above which missing depth is a sign.
 const MISSING: f64 = 0.3;
@@ -57,11 +59,50 @@ pub(super) fn doubts(
     warnings
 }
 
+/// A warning where the depth of several photographs has another shape than the metres of the network that gave them their scale: a tenth of
+/// the pixels differ by more than a factor of two from the common ratio.
+pub(super) fn contradicted(refinement: &Refinement, origin: &PriorOrigin) -> Option<String> {
+    if origin.kind != DepthKind::Metric || !origin.predicts() {
+        return None;
+    }
+    let both =
+        refinement.prior.iter().zip(refinement.depth.mean()).filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
+    let mut ratios: Vec<f64> = both.map(|(prior, z)| f64::from(z / prior).ln()).collect();
+    let common = median(ratios.iter().copied())?;
+    ratios.iter_mut().for_each(|ratio| *ratio = (*ratio - common).abs());
+    let most = quantile(&mut ratios, 0.9).filter(|most| *most > LN_2)?;
+    Some(format!(
+        "{}: the photographs contradict its depth, a tenth of the pixels by a factor of {:.1} or more, so its metres are not to be trusted: give \
+         {{scale-from}}, or {{unit}} capture where the poses have a unit",
+        origin.source,
+        most.exp()
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::config::Preset;
     use crate::prior::PriorForm;
+    use mde_uncertainty::GaussianDepth;
+
+    #[test]
+    fn metres_of_a_network_that_the_photographs_contradict_are_doubted() {
+        let prior = Array2::from_elem((10, 10), 2.0_f32);
+        // One factor for all is no contradiction, nor is one for less than a tenth of the pixels.
+        let found = |share: usize, kind| {
+            let depth =
+                Array2::from_shape_fn((10, 10), |(y, x)| if 10 * y + x < share { 25.0 } else { 10.0 });
+            let depth = GaussianDepth::new(depth, prior.mapv(|_| 1.0)).unwrap();
+            let refinement = Refinement { depth, ..Refinement::of_prior(prior.clone()) };
+            contradicted(&refinement, &PriorOrigin::new(PriorForm::Network, kind, "net.onnx"))
+        };
+        assert_eq!(found(0, DepthKind::Metric), None);
+        assert_eq!(found(8, DepthKind::Metric), None);
+        let told = found(15, DepthKind::Metric).unwrap();
+        assert!(told.starts_with("net.onnx:") && told.contains("a factor of 2.5 or more"), "{told}");
+        assert_eq!(found(15, DepthKind::RelativeDepth), None);
+    }
 
     #[test]
     fn missing_constant_and_assumed_depth_are_named() {

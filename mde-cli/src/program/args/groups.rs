@@ -41,7 +41,7 @@ pub(crate) struct RefinementArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Prior")]
 pub(crate) struct PriorArgs {
-    /// A monocular depth network
+    /// A monocular depth network, such as FastDepth or Depth Anything V2; docs/models.md says where to get one
     #[arg(long, value_name = "MODEL.onnx", conflicts_with = "prior_depth")]
     pub(crate) prior_model: Option<PathBuf>,
     /// A depth map of the image's size: .npy, .npz, .png (16 bit), .pfm, .exr
@@ -58,7 +58,7 @@ pub(crate) struct NetworkArgs {
     /// Format of the network: a profile's name or a .toml; default: MODEL.toml beside MODEL.onnx, else by its folder, graph or name
     #[arg(long, help_heading = "Advanced", value_name = "NAME|FILE", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// Kind of the values; by default that of the profile, and metric for a map whose metadata name no other unit
+    /// What the values are; by default that of the profile, and metric for a map whose metadata name no other unit
     #[arg(long, value_name = "KIND", value_parser = choice(KINDS))]
     pub(crate) prior_kind: Option<DepthKind>,
     /// Depth = value / X for a map; default: the scale in its metadata, else 1000 for 16-bit PNG and 1 for floats

@@ -64,7 +64,7 @@ pub(crate) fn explained(mut error: clap::Error) -> clap::Error {
 pub(crate) enum Command {
     /// Refine a procedural room with exact depth from photographs without poses; needs no input
     Demo(DemoArgs),
-    /// Refine the monocular depth of an image
+    /// Depth with an error bar: of one photograph, of several of one place, or of each in a folder
     Refine(Box<RefineArgs>),
     /// Depth of every photograph of a capture, with poses or without, and one point cloud
     Dense(Box<DenseArgs>),
@@ -185,7 +185,7 @@ pub(crate) struct RefineArgs {
     /// More photographs, folders and lists
     #[arg(value_name = "MORE")]
     pub(crate) more: Vec<PathBuf>,
-    /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
+    /// After IMAGE: further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
     /// transforms.json, a COLMAP model, a TUM sequence
     #[arg(long, help_heading = "Several photographs", value_name = "PATH", num_args = 1..)]
     pub(crate) views: Vec<PathBuf>,

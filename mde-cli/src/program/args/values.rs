@@ -23,12 +23,12 @@ pub(super) const PRESETS: Choices<Preset> = &[
     (
         Preset::MultiView,
         "multi-view",
-        "Several photographs (--views): a field on their colours and on the consensus of plane sweeps",
+        "Several photographs: stereo between them, then a radiance field",
     ),
 ];
 
 pub(super) const KINDS: Choices<DepthKind> = &[
-    (DepthKind::Metric, "metric", "Depth in metres"),
+    (DepthKind::Metric, "metric", "Metres"),
     (DepthKind::RelativeDepth, "depth", "Depth in an unknown unit"),
     (
         DepthKind::AffineDisparity,
