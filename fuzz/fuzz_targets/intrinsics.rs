@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::scene::camera::intrinsics;
+use mde_mvs::capture::intrinsics;
 
 fuzz_target!(|text: &str| {
     match intrinsics(text, [640, 480]) {

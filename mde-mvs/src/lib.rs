@@ -65,7 +65,7 @@ pub mod sweep;
 mod synthetic;
 
 pub use error::{Error, Result};
-pub use sweep::{consensus, exposure, patches, planes, scale, views, withheld};
+pub use sweep::{consensus, evidence, exposure, patches, planes, scale, sigma, views, withheld};
 pub use {nalgebra, ndarray};
 
 use mde_warp::PinholeCamera;

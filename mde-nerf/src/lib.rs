@@ -23,6 +23,8 @@ mod gemm;
 mod gradient_check;
 mod loss;
 mod march;
+#[cfg(feature = "bench")]
+pub mod measure;
 mod memory;
 mod mlp;
 mod nerf;

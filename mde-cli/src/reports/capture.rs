@@ -1,8 +1,8 @@
 //! Several photographs: poses, choice, sweeps and field.
 
-use crate::reports::Evidence;
 use mde_fusion::FusionReport;
 use mde_mvs::consensus::Reconstruction;
+use mde_mvs::evidence::Evidence;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_mvs::withheld::WithheldError;

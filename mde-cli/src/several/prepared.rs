@@ -7,7 +7,6 @@ use crate::refinement::refine;
 use crate::refinement::stages::Stages;
 use crate::reports::Refinement;
 use crate::reports::capture::CaptureReport;
-use crate::reports::evidence::Evidence;
 use crate::reports::prediction::Component;
 use crate::scene::Scene;
 use crate::several::cameras::Posed;
@@ -15,9 +14,11 @@ use crate::several::novel::Candidate;
 use crate::several::{cameras, novel, priors, result, withheld};
 use mde_fusion::BayesFuser;
 use mde_mvs::consensus::{Reconstruction, Sweeps, ViewDepth};
+use mde_mvs::evidence::Evidence;
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
+use mde_mvs::sigma::combine;
 use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views, sharpness};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -238,8 +239,9 @@ impl<'s> PreparedScene<'s> {
         begin(callback, Stage::Fuse, 0, iterations)?;
         let factor = result::scale(&reconstruction, unit)[0];
         let inflation = reconstruction.inflation;
-        let (mut depth, mut components) =
-            result::combine(own, inflation, &views, &covariances, rendered.as_ref(), factor)?;
+        let of_field = rendered.as_ref().map(|rendered| (&rendered.depth, rendered.in_bin.as_ref()));
+        let (mut depth, parts) = combine(own, inflation, &views, &covariances, of_field, factor)?;
+        let mut components = parts.into_iter().map(|(name, sigma)| Component { name, sigma }).collect();
         let printed = match (&rendered, stages.fuser, config.refinement.order) {
             (Some(rendered), Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
             (Some(rendered), None, Order::Paper) => {
@@ -256,7 +258,8 @@ impl<'s> PreparedScene<'s> {
         }
         report.place(&views, &order, factor);
         let fused: Vec<&GaussianDepth> = reconstruction.views.iter().map(|known| &known.fused).collect();
-        let evidence = Evidence::new(&views, &fused, rendered.as_ref(), &depth, factor)?;
+        let evidence =
+            Evidence::new(&views, &fused, rendered.as_ref().map(|rendered| &rendered.depth), &depth, factor)?;
         report.confirmed = Some(evidence.confirmed_share());
         report.evidence = Some(evidence);
         Ok(Refinement { depth, components, field, capture: Some(report), ..Refinement::of_prior(prior) })

@@ -6,24 +6,11 @@ use mde_fusion::{Fused, Fuser, Prior};
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
 use mde_mvs::patches::refine_by_patches;
 use mde_mvs::planes::with_planes;
-use mde_mvs::poses::depth_variance;
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use nalgebra::Matrix6;
 use ndarray::{Array2, Zip};
 
-/// Factor of the variances of the consensus and of edges beside a field, which has them in part already.
-const CONSENSUS: f32 = 0.25;
-/// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
-const MATCH: f64 = 0.5;
-/// What sigma is made of.
-const COMPONENTS: [&str; 8] =
-    ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses", "edges"];
-/// Standard deviation of log depth per range of it in [`NEIGHBOURS`]: the place of an edge is known to a few pixels.
-const EDGE: f32 = 0.25;
-/// Half the side of the square of that range, as a share of the longer side.
-const NEIGHBOURS: f32 = 4.0 / 320.0;
 /// Least share of the reference's pixels that another photograph confirms.
 const LEAST_VERIFIED: f32 = 0.03;
 
@@ -41,104 +28,6 @@ pub(super) fn unusable(reference: &ViewDepth) -> Option<String> {
 /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.
 pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
     reconstruction.scale.map_or([unit, f64::INFINITY], |s| [unit * s.log_scale.exp(), s.variance.sqrt()])
-}
-
-/// The mean of the field's and the consensus' log depth by precision (Eq. 7), or the one that there is, in the prior's unit: `factor` is the
-/// unit of the poses per unit of it.
-///
-/// Relative variances add: that of the ray's termination, a quarter of the consensus' (all of it where there is no field), half a pixel of disparity over the root mean
-/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), that of the poses ([`depth_variance`]), and the square of a quarter of
-/// the range of log depth over 9 x 9 pixels of a photograph of 320 (an eighth beside a field). The components
-/// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
-/// prior with the doubt of the match, and the inflation by which the photographs disagree.
-pub(super) fn combine(
-    ViewDepth { fused: consensus, ambiguity, .. }: &ViewDepth,
-    inflation: f32,
-    views: &[PosedView],
-    covariances: &[Option<Matrix6<f64>>],
-    rendered: Option<&RenderedView>,
-    factor: f64,
-) -> Result<(GaussianDepth, Vec<Component>)> {
-    let factor = factor as f32;
-    let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
-    let per_depth = disparity(views) as f32;
-    let of_poses = depth_variance(views, covariances, consensus.mean());
-    let disagreement = 1.0 - inflation.recip();
-    let within = rendered.and_then(|r| r.in_bin.as_ref());
-    let found = |map: &GaussianDepth, (y, x)| map.get(y, x).map(|(z, _)| z).filter(|z| *z > 0.0);
-    let depth = Array2::from_shape_fn(mean.dim(), |at| {
-        rendered.and_then(|r| found(&r.depth, at)).or(found(consensus, at)).unwrap_or(0.0)
-    });
-    let range = log_range(&depth);
-    let mut parts = COMPONENTS.map(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
-    for (at, mean) in mean.indexed_iter_mut() {
-        let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
-        let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);
-        let stated = relative(consensus).filter(|(z, _)| *z > 0.0);
-        let fused = stated.map_or(0.0, |s| s.1 * s.1);
-        let edge = (EDGE * range[at]).powi(2);
-        let ray = field.map_or(0.0, |f| f.1 * f.1);
-        let common = |z: f32| (per_depth * z).powi(2) + of_poses[at];
-        let z = match (field, stated) {
-            (Some((z, _)), Some((known, _))) => {
-                let of_field = (ray + CONSENSUS * (fused + edge) + common(z)).recip();
-                // Beside an edge the consensus is the fatter of the two: the whole range counts as its deviation.
-                let of_consensus = (fused + range[at].powi(2) + common(known)).recip();
-                ((of_field * z.ln() + of_consensus * known.ln()) / (of_field + of_consensus)).exp()
-            }
-            (Some((z, _)), None) | (None, Some((z, _))) => z,
-            (None, None) => {
-                (*mean, variance[at]) = (0.0, f32::INFINITY);
-                continue;
-            }
-        };
-        let depth = z / factor;
-        let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
-        let share = if field.is_some() { CONSENSUS } else { 1.0 };
-        let (fused, edge) = (share * fused, share * edge);
-        let apart = disagreement * fused;
-        let ambiguous = ambiguity[at] * (fused - apart);
-        let shares = [
-            ray - in_bin,
-            in_bin,
-            ambiguous,
-            (fused - apart - ambiguous).max(0.0),
-            apart,
-            (per_depth * z).powi(2),
-            of_poses[at],
-            edge,
-        ];
-        for (part, share) in parts.iter_mut().zip(shares) {
-            part[at] = share.sqrt() * depth;
-        }
-        *mean = depth;
-        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at] + edge;
-        variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
-    }
-    let components =
-        COMPONENTS.into_iter().zip(parts).map(|(name, sigma)| Component { name, sigma }).collect();
-    Zip::from(&mut variance).and(&mut mean).for_each(|v, z| {
-        if !(v.is_finite() && z.is_finite()) {
-            (*v, *z) = (f32::INFINITY, 0.0);
-        }
-    });
-    Ok((GaussianDepth::new(mean, variance)?, components))
-}
-
-/// The range of the logarithm of the known depths over a square about each pixel.
-fn log_range(depth: &Array2<f32>) -> Array2<f32> {
-    let (height, width) = depth.dim();
-    let reach = (NEIGHBOURS * height.max(width) as f32).round() as usize;
-    let ends = depth.mapv(|z| if z > 0.0 { [z, z] } else { [f32::INFINITY, 0.0] });
-    let widest = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
-    let along = |ends: &Array2<[f32; 2]>, axis: usize| {
-        Array2::from_shape_fn((height, width), |(y, x)| {
-            let (at, side) = if axis == 0 { (y, height) } else { (x, width) };
-            let near = at.saturating_sub(reach)..(at + reach + 1).min(side);
-            near.map(|i| ends[if axis == 0 { (i, x) } else { (y, i) }]).fold(ends[(y, x)], widest)
-        })
-    };
-    along(&along(&ends, 1), 0).mapv(|[near, far]| if far > 0.0 { (far / near).ln() } else { 0.0 })
 }
 
 /// The fusion of the prior with the field in the order of the paper, the field brought into the prior's unit by `factor` first.
@@ -175,62 +64,4 @@ pub(super) fn refined(
         .map_collect(|v, was| if was.is_finite() { (v / was).sqrt() } else { 1.0 });
     components.iter_mut().for_each(|component| component.sigma *= &ratio);
     Ok(refined)
-}
-
-/// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.
-fn disparity(views: &[PosedView]) -> f64 {
-    let Some((reference, others)) = views.split_first() else { return 0.0 };
-    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
-    let squares: f64 = others.iter().map(|view| (centre(view) - centre(reference)).norm_squared()).sum();
-    let baseline = (squares / others.len().max(1) as f64).sqrt();
-    if baseline > 0.0 { MATCH / (reference.camera.fx * baseline) } else { 0.0 }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use mde_mvs::consensus::reconstruct;
-    use mde_mvs::silent;
-    use mde_warp::{PinholeCamera, Pose};
-    use ndarray::Array3;
-
-    /// A step: beside it the whole of it is doubted, away from it nothing.
-    #[test]
-    fn the_range_of_depth_is_that_of_the_neighbours() {
-        let reach = 2;
-        let depth = Array2::from_shape_fn((20, 160), |(y, x)| match (y, x) {
-            (0, 0) => 0.0,
-            (_, x) if x < 80 => 1.0,
-            _ => 2.0,
-        });
-        let range = log_range(&depth);
-        for ((_, x), range) in range.indexed_iter() {
-            let beside = (80 - reach..80 + reach).contains(&x);
-            assert_eq!(*range, if beside { 2.0_f32.ln() } else { 0.0 }, "{x}");
-        }
-    }
-
-    /// Two photographs of a wall. No field states a part of the variance, so sigma has all of it.
-    #[test]
-    fn without_a_field_sigma_has_the_whole_variance_of_the_consensus() {
-        let camera = PinholeCamera::from_fov(60.0, 64, 48).unwrap();
-        let photograph = |shift: f64| {
-            let grey = |y: usize, x: usize| {
-                let (u, v) = (x as f64 + 0.5 * camera.fx * shift, y as f64);
-                (0.5 + 0.2 * (0.7 * u + 0.2 * v).sin() + 0.2 * (0.31 * u - 0.6 * v).sin()) as f32
-            };
-            let image = Array3::from_shape_fn((48, 64, 3), |(y, x, _)| grey(y, x));
-            let mask = Array2::from_elem((48, 64), true);
-            PosedView::new(image, camera, Pose::translation(-shift, 0.0, 0.0), mask, Vec::new()).unwrap()
-        };
-        let views = [photograph(0.0), photograph(0.2)];
-        let prior = Array2::from_elem((48, 64), 2.0_f32);
-        let found = reconstruct(&views, &[prior.view(), prior.view()], None, &mut silent).unwrap();
-        let (_, parts) = combine(&found.views[0], found.inflation, &views, &[None, None], None, 1.0).unwrap();
-        let of_fused = ["ambiguity", "prior", "view-disagreement"];
-        let fused = parts.iter().filter(|part| of_fused.contains(&part.name));
-        let fused = fused.map(|part| part.sigma.mapv(|sigma| sigma * sigma)).reduce(|a, b| a + b).unwrap();
-        let stated = found.views[0].fused.variance();
-        assert!(fused.iter().zip(stated).all(|(sum, all)| (sum / all - 1.0).abs() < 1e-3));
-    }
 }

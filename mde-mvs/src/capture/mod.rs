@@ -15,6 +15,7 @@
 mod colmap;
 mod error;
 mod files;
+mod intrinsics;
 mod lens;
 mod paths;
 #[cfg(test)]
@@ -35,6 +36,7 @@ pub use colmap::{ColmapPoint, SparseDepths, colmap_map, colmap_text, read_colmap
 pub use error::{Error, Result};
 use error::{content, fault, missing};
 pub use files::{CaptureFiles, same_file};
+pub use intrinsics::intrinsics;
 pub use lens::{Distortion, Lens};
 pub use paths::relative_path;
 pub use transforms::{PixelCentres, read_transforms, transforms_json};

@@ -17,11 +17,13 @@ pub mod consensus;
 mod correction;
 mod cost;
 mod edge;
+pub mod evidence;
 pub mod exposure;
 pub mod patches;
 pub mod planes;
 mod posterior;
 pub mod scale;
+pub mod sigma;
 pub mod views;
 pub mod withheld;
 

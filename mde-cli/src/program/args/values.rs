@@ -20,11 +20,7 @@ pub(super) const PRESETS: Choices<Preset> = &[
         "default",
         "Predictions of crops and mirror images too, merged; a depth map gets an error bar and stays as it is",
     ),
-    (
-        Preset::MultiView,
-        "multi-view",
-        "Several photographs: stereo between them, then a radiance field",
-    ),
+    (Preset::MultiView, "multi-view", "Several photographs: stereo between them, then a radiance field"),
 ];
 
 pub(super) const KINDS: Choices<DepthKind> = &[

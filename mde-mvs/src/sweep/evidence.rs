@@ -1,8 +1,7 @@
 //! Where the depth of each pixel comes from.
 
-use crate::error::Result;
-use mde_mvs::consensus::agreement;
-use mde_nerf::RenderedView;
+use super::consensus::agreement;
+use crate::Result;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
@@ -20,11 +19,15 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Of the reference's `depth` in the prior's unit, the consensus of each view, and `factor` units of the poses per unit of the prior.
-    pub(crate) fn new(
+    /// Of a depth of the first view in a unit of which that of the poses is `factor` times; `fused` is the consensus of each view, `field`
+    /// the depth of a field in the first.
+    ///
+    /// # Errors
+    /// As [`agreement`].
+    pub fn new(
         views: &[PosedView],
         fused: &[&GaussianDepth],
-        rendered: Option<&RenderedView>,
+        field: Option<&GaussianDepth>,
         depth: &GaussianDepth,
         factor: f64,
     ) -> Result<Self> {
@@ -37,7 +40,7 @@ impl Evidence {
         let others: Vec<usize> = (1..views.len()).collect();
         let found = agreement(views, &depths, 0, &others)?;
         let origin = Array2::from_shape_fn(depth.dim(), |(row, column)| {
-            let by_field = rendered.is_some_and(|rendered| rendered.depth.get(row, column).is_some());
+            let by_field = field.is_some_and(|field| field.get(row, column).is_some());
             match depth.get(row, column) {
                 None => 0.0,
                 Some(_) if by_field => 3.0,
