@@ -406,7 +406,7 @@ pub(super) fn equalised(
     let verified = Zip::from(known.fused.mean())
         .and(&known.agreement.agree)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
-    let exposure = fit_exposure(reference, view, verified.view())?.exposure;
+    let exposure = fit_exposure(reference, view, verified.view())?;
     let image = exposure.apply_to(view.image.view()).mapv(|value| value.clamp(0.0, 1.0));
     Ok((exposure, image))
 }

@@ -129,7 +129,7 @@ fn error(
 
 /// Absolute difference of colour per pixel of the reference, NaN where the photograph does not show it.
 fn differences(reference: &PosedView, target: &PosedView, depth: ArrayView2<'_, f32>) -> Result<Array2<f32>> {
-    let exposure = fit_exposure(reference, target, depth)?.exposure;
+    let exposure = fit_exposure(reference, target, depth)?;
     let there = carried(reference, target, depth);
     let difference = |(y, x), there: &Option<[f32; 3]>| {
         there.map_or(f32::NAN, |there| {
