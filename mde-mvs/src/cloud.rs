@@ -1,12 +1,15 @@
 //! Photographs with poses and depths, and the points on which they agree.
 
+use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3, Vector3};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use rayon::prelude::*;
 
-/// Largest standard deviation, relative to the depth, of the pixels that points and surfaces are made of.
+/// Largest standard deviation, relative to the depth, of a sure pixel.
 pub const LEAST_SURE: f32 = 0.06;
+/// Pixels by which the surer half is found.
+const SAMPLES: usize = 100_000;
 /// Nearest photographs into which the points of one are projected.
 const NEAREST: usize = 32;
 
@@ -35,8 +38,13 @@ impl DepthView<'_> {
 
     /// Depth and sigma of a pixel whose sigma is at most [`LEAST_SURE`] of the depth.
     pub fn sure(&self, at: (usize, usize)) -> Option<[f32; 2]> {
+        self.within(at, LEAST_SURE)
+    }
+
+    /// The same with another largest sigma over depth.
+    fn within(&self, at: (usize, usize), most: f32) -> Option<[f32; 2]> {
         let (z, sigma) = (*self.depth.get(at)?, *self.sigma.get(at)?);
-        (z > 0.0 && sigma <= LEAST_SURE * z).then_some([z, sigma])
+        (z > 0.0 && sigma.is_finite() && sigma <= most * z).then_some([z, sigma])
     }
 
     /// The colour of a pixel.
@@ -83,7 +91,8 @@ pub struct ConsistentPoint {
     pub confirmed: usize,
 }
 
-/// The points of sure pixels ([`LEAST_SURE`]) that a sure pixel of a second photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
+/// The points of the pixels whose sigma is at most [`LEAST_SURE`] of the depth, or among the surer half, that such a pixel of a second
+/// photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
 /// at the nearest pixel, \\( |z' - D| \le \sigma + \sigma' \\), where \\( \sigma' \\) is the point's in the proportion of the
 /// depths. Each is the mean by precision (Eq. 7) of its depths in the photographs that confirm it, along the ray of the first; those
 /// pixels give no further point. Of many photographs each is compared with the 32 nearest.
@@ -97,6 +106,7 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
     let none = || views.iter().map(|view| Array2::from_elem(view.camera.dim(), false)).collect::<Vec<_>>();
     let (mut given, mut taken) = (none(), none());
     let mut points = Vec::new();
+    let most = surer_half(views).max(LEAST_SURE);
     let sized =
         |view: &DepthView<'_>| view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim();
     for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
@@ -104,9 +114,9 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
         let others = nearest(views, index).into_iter().filter(|&other| sized(&views[other]));
         let others: Vec<usize> = others.collect();
         let of_pixel = |(row, column): (usize, usize)| {
-            let ([z, sigma], point) = (view.sure((row, column))?, view.point(row, column)?);
+            let ([z, sigma], point) = (view.within((row, column), most)?, view.point(row, column)?);
             let (position, relative) = (world * point, sigma / z);
-            let confirm = |&other: &usize| Some((other, seen(&views[other], &position, relative)?));
+            let confirm = |&other: &usize| Some((other, seen(&views[other], &position, relative, most)?));
             let confirmed: Vec<_> = others.iter().filter_map(confirm).collect();
             if confirmed.is_empty() || confirmed.iter().any(|&(other, pixel)| given[other][pixel]) {
                 return None;
@@ -141,6 +151,14 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
     points
 }
 
+/// The median of sigma over depth of some pixels of all views.
+fn surer_half(views: &[DepthView<'_>]) -> f32 {
+    let pixels: usize = views.iter().map(|view| view.depth.len()).sum();
+    let all = views.iter().flat_map(|view| view.depth.iter().zip(view.sigma));
+    let some = all.step_by(pixels / SAMPLES + 1).filter(|(z, sigma)| **z > 0.0 && sigma.is_finite());
+    median(some.map(|(z, sigma)| f64::from(sigma / z))).unwrap_or_default() as f32
+}
+
 /// The [`NEAREST`] of the other views.
 fn nearest(views: &[DepthView<'_>], index: usize) -> Vec<usize> {
     let centre = |view: &DepthView<'_>| view.pose.inverse().translation.vector;
@@ -152,21 +170,27 @@ fn nearest(views: &[DepthView<'_>], index: usize) -> Vec<usize> {
     others
 }
 
-/// The sure pixel, row and column, where a view confirms a point of that relative deviation.
-pub fn seen(view: &DepthView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
+/// The pixel, row and column, where a view confirms a point of that relative deviation; that of the pixel is at most `most`.
+pub fn seen(
+    view: &DepthView<'_>,
+    position: &Point3<f64>,
+    relative: f32,
+    most: f32,
+) -> Option<(usize, usize)> {
     let (camera, there) = (&view.camera, view.pose * position);
     let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
     if !(x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64) {
         return None;
     }
     let pixel = (y as usize, x as usize);
-    let [depth, sigma] = view.sure(pixel)?.map(f64::from);
+    let [depth, sigma] = view.within(pixel, most)?.map(f64::from);
     ((there.z - depth).abs() <= sigma + f64::from(relative) * there.z).then_some(pixel)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::s;
 
     const SIZE: (usize, usize) = (12, 16);
 
@@ -202,13 +226,17 @@ mod tests {
         assert!((middle.sigma / 0.05 - 1.0).abs() < 0.02, "{middle:?}");
         assert!(fused.iter().filter(|p| p.view == 2).all(|p| p.pixel[1] < 3));
         assert_eq!((points[0].confirmed, middle.confirmed), (1, 2));
-        // With a sigma that allows for the difference it is confirmed; with one that allows for anything nothing is.
-        let with = |sigma: f32| {
-            let sigma = Array2::from_elem(SIZE, sigma);
-            consistent_points(&[view(0.0, &depth, &sigma), view(shift, &wall, &sigma)])
-        };
-        assert!(with(0.1).iter().any(|p| p.pixel == [5, 8]));
-        assert!(with(0.13).is_empty());
+        // With a sigma that allows for the difference it is confirmed.
+        let with =
+            |sigma: &Array2<f32>| consistent_points(&[view(0.0, &depth, sigma), view(shift, &wall, sigma)]);
+        let mut vague = Array2::from_elem(SIZE, 0.3);
+        vague[(5, 8)] = 0.2;
+        let of_all = with(&vague);
+        assert!(of_all.iter().any(|p| p.pixel == [5, 8]));
+        // Of less sure pixels than half of all there are no points.
+        vague.slice_mut(s![.., 6..]).fill(0.1);
+        let of_half = with(&vague);
+        assert!(!of_half.is_empty() && of_half.iter().all(|p| p.pixel[1] >= 6));
         assert!(consistent_points(&[view(0.0, &wall, &sigma)]).is_empty());
     }
 }

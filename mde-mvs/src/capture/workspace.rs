@@ -62,8 +62,9 @@ fn tracks(views: &[(DepthView<'_>, String)], points: &[ConsistentPoint]) -> Vec<
         let own = &views[point.view].0;
         let relative = point.sigma / own.depth[pixel];
         let others = views.iter().enumerate().filter(|(index, _)| *index != point.view);
-        let others = others
-            .filter_map(|(index, (view, _))| Some((index, seen(view, &point.position, relative)?.into())));
+        let others = others.filter_map(|(index, (view, _))| {
+            Some((index, seen(view, &point.position, relative, f32::INFINITY)?.into()))
+        });
         ColmapPoint {
             position: point.position,
             colour: own.colour(row, column),
