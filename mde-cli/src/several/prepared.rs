@@ -18,7 +18,7 @@ use mde_mvs::evidence::Evidence;
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
-use mde_mvs::sigma::combine;
+use mde_mvs::sigma::{COMPONENTS, combine};
 use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views, sharpness};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -241,7 +241,8 @@ impl<'s> PreparedScene<'s> {
         let inflation = reconstruction.inflation;
         let of_field = rendered.as_ref().map(|rendered| (&rendered.depth, rendered.in_bin.as_ref()));
         let (mut depth, parts) = combine(own, inflation, &views, &covariances, of_field, factor)?;
-        let mut components = parts.into_iter().map(|(name, sigma)| Component { name, sigma }).collect();
+        let of_part = |(name, sigma)| Component { name, sigma };
+        let mut components: Vec<_> = COMPONENTS.into_iter().zip(parts).map(of_part).collect();
         let printed = match (&rendered, stages.fuser, config.refinement.order) {
             (Some(rendered), Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
             (Some(rendered), None, Order::Paper) => {

@@ -21,7 +21,7 @@ const EDGE: f32 = 0.25;
 const NEIGHBOURS: f32 = 4.0 / 320.0;
 
 /// The mean of the log depth of a field and of the consensus of the first of the views by precision (Eq. 7), or the one that there is, and
-/// the standard deviations of its parts, `[height, width]`, by the names of [`COMPONENTS`]. The consensus and the `field`, its depth and
+/// the standard deviations of its parts, `[height, width]`, in the order of [`COMPONENTS`]. The consensus and the `field`, its depth and
 /// the part of its variance that lies within the bins of a ray, are in the unit of the poses; the result is in one of which that is
 /// `factor` times.
 ///
@@ -40,7 +40,7 @@ pub fn combine(
     covariances: &[Option<Matrix6<f64>>],
     field: Option<(&GaussianDepth, Option<&Array2<f32>>)>,
     factor: f64,
-) -> Result<(GaussianDepth, Vec<(&'static str, Array2<f32>)>)> {
+) -> Result<(GaussianDepth, [Array2<f32>; COMPONENTS.len()])> {
     let factor = factor as f32;
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
     let per_depth = disparity(views) as f32;
@@ -102,7 +102,7 @@ pub fn combine(
             (*v, *z) = (f32::INFINITY, 0.0);
         }
     });
-    Ok((GaussianDepth::new(mean, variance)?, COMPONENTS.into_iter().zip(parts).collect()))
+    Ok((GaussianDepth::new(mean, variance)?, parts))
 }
 
 /// The range of the logarithm of the known depths over a square about each pixel.
@@ -172,7 +172,7 @@ mod tests {
         let found = reconstruct(&views, &[prior.view(), prior.view()], None, &mut silent).unwrap();
         let (_, parts) = combine(&found.views[0], found.inflation, &views, &[None, None], None, 1.0).unwrap();
         let of_fused = ["ambiguity", "prior", "view-disagreement"];
-        let fused = parts.iter().filter(|(name, _)| of_fused.contains(name));
+        let fused = COMPONENTS.iter().zip(&parts).filter(|(name, _)| of_fused.contains(name));
         let fused = fused.map(|(_, sigma)| sigma.mapv(|sigma| sigma * sigma)).reduce(|a, b| a + b).unwrap();
         let stated = found.views[0].fused.variance();
         assert!(fused.iter().zip(stated).all(|(sum, all)| (sum / all - 1.0).abs() < 1e-3));
