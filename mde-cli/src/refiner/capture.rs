@@ -22,8 +22,12 @@ impl Refiner<'_> {
         seen: &mut dyn Observer,
     ) -> Result<(Scene, Plan)> {
         let source = path.display().to_string();
-        let fault =
-            |error: mde_mvs::capture::Error| Error::Argument(format!("{{views}} {source}: {}", text(&error)));
+        let flag = if image.is_some() { "{views} " } else { "" };
+        let fault = |error: mde_mvs::capture::Error| {
+            let (text, place) = (text(&error), format!("{source}: "));
+            // Most of them name the file.
+            Error::Argument(format!("{flag}{}{text}", if text.starts_with(&source) { "" } else { &place }))
+        };
         let mut lens = None;
         if let Some(first) = files.first_photograph().map_err(fault)? {
             let shown = image.unwrap_or(&first);
@@ -44,7 +48,7 @@ impl Refiner<'_> {
             None => (0, (0..count).collect()),
         };
         let (nearest, size) = (order.len(), capture.frames[reference].lens.camera.dim());
-        let plan = self.plan(&format!("{{views}}: {nearest} photographs"), size, nearest)?;
+        let plan = self.plan(&format!("{flag}{source}: {nearest} photographs"), size, nearest)?;
         let (mut photographs, mut first) = (Vec::new(), None);
         let lost = |path: &PathBuf| {
             (path.display().to_string(), format!("{}: no readable photograph", path.display()))
