@@ -112,6 +112,11 @@ impl<'s> Prepared<'s> {
         if let Some(reason) = report.and_then(|report| report.fallback.as_ref()) {
             warn(format!("{{views}}: {reason}; only the reference photograph was used"));
         }
+        if let Some(moved) = report.map(|report| report.moved.join(", ")).filter(|moved| !moved.is_empty()) {
+            warn(format!(
+                "{moved}: the matches contradict the given poses; theirs are used, and the unit may be off: check that the poses belong to the photographs"
+            ));
+        }
         let estimated = report.filter(|_| used).and_then(|report| report.photographs.get(photograph)?.camera);
         if let Some(found) = estimated.filter(|found| *found != camera.camera) {
             camera = KnownCamera { camera: found, source: CameraSource::Estimated };

@@ -27,6 +27,8 @@ pub struct CaptureReport {
     pub withheld_pixels: Option<[f64; 2]>,
     /// Colour error of a photograph through the depth of the others, at low resolution; none with fewer than three photographs.
     pub withheld_colours: Option<WithheldPhotograph>,
+    /// Photographs whose given pose the matches contradict: they have that of the matches.
+    pub moved: Vec<String>,
     /// Factor on assumed focal lengths.
     pub focal_factor: Option<f64>,
     /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.

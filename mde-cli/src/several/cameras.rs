@@ -11,6 +11,9 @@ use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix6, Point2};
 use ndarray::Array2;
 
+/// A refinement that moves a given pose by more than this share of its distance from the nearest other one contradicts it.
+const MOVED: f64 = 0.5;
+
 /// The photographs with a pose, in the frame of the capture's reference.
 #[derive(Debug)]
 pub(super) struct Posed {
@@ -54,6 +57,11 @@ pub(super) fn posed(
         let refined = refine_poses(&inputs, &given, reference, seed, matched)?;
         report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
         report.withheld_pixels = refined.withheld;
+        if refined.accepted {
+            let found: Vec<_> = refined.photographs.iter().map(|one| one.pose).collect();
+            let moved = moved(&given, &found).into_iter();
+            report.moved = moved.map(|index| scene.photographs[index].name.clone()).collect();
+        }
         unit = unit_of(&refined.depths, priors[reference].as_ref());
         refined.photographs
     } else {
@@ -99,4 +107,29 @@ fn unit_of(depths: &[(Point2<f64>, f64)], prior: Option<&Array2<f32>>) -> f64 {
         (*depth > 0.0).then(|| (depth / f64::from(known)).ln())
     });
     median(logs).map_or(1.0, f64::exp)
+}
+
+/// The photographs whose found pose is farther from the given one than [`MOVED`] allows.
+fn moved(given: &[Pose], found: &[Option<Pose>]) -> Vec<usize> {
+    let centre = |pose: &Pose| pose.inverse().translation.vector;
+    let is_moved = |&index: &usize| {
+        let Some(at) = found[index].as_ref().map(centre) else { return false };
+        let others = found.iter().enumerate().filter(|(other, _)| *other != index);
+        let apart = others.filter_map(|(_, other)| Some((at - centre(other.as_ref()?)).norm()));
+        (centre(&given[index]) - at).norm() > MOVED * apart.fold(f64::INFINITY, f64::min)
+    };
+    (0..given.len()).filter(is_moved).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exchanged_poses_are_moved_and_noise_is_not() {
+        let at = |x: f64| Pose::translation(-x, 0.0, 0.0);
+        let given = [0.0, 2.0, 1.0, 3.1].map(at);
+        assert_eq!(moved(&given, &[0.0, 1.0, 2.0, 3.0].map(|x| Some(at(x)))), [1, 2]);
+        assert!(moved(&given, &[Some(at(0.0)), Some(at(2.0)), None, Some(at(3.4))]).is_empty());
+    }
 }
