@@ -15,7 +15,7 @@ impl Refinement {
     /// the prior is interpolated. `small` is the image that was refined, `large` the other, both `[height, width, 3]`.
     ///
     /// # Errors
-    /// [`Error::Depth`] where `small` has another size than the depth, or `large` is empty.
+    /// [`Error::Depth`](crate::Error::Depth) where `small` has another size than the depth, or `large` is empty.
     pub fn upsampled(self, small: ArrayView3<'_, f32>, large: ArrayView3<'_, f32>) -> Result<Self> {
         let (height, width, _) = large.dim();
         let channels = |image: ArrayView3<'_, f32>| -> Vec<Array2<f32>> {

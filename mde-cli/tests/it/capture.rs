@@ -42,6 +42,8 @@ fn several_photographs_need_no_network() {
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
     let page = place.text("all/index.html");
     assert!(page.contains("id=\"capture\"") && page.contains("\"folder\":\"3\""), "no view of the capture");
+    let surface = "dense transforms.json --no-nerf --export mesh --max-memory 0.15 -q -o none";
+    place.refused(surface, "4 photographs: ; --max-memory 0.15");
     // What can't be read is named, and the others are used, not so the reference; the first photograph is one like the others.
     place.write("images/0.png", "torn");
     place.refused("refine images/0.png --views transforms.json -q -o out", "0.png");

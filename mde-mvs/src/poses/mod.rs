@@ -31,6 +31,7 @@ mod neighbours;
 mod refine;
 mod scale;
 mod tracks;
+mod turn;
 mod two_view;
 
 pub use depth::{depth_variance, relative_covariance};

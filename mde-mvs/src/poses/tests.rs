@@ -192,6 +192,23 @@ fn a_constant_prior_is_enough_where_there_is_parallax() {
     }
 }
 
+/// With a focal length that is wrong, which looks like a step aside before a constant prior.
+#[test]
+fn a_turn_on_the_spot_has_no_parallax() {
+    let turns = [[0.0; 3], [0.01, 0.08, 0.0], [-0.02, -0.11, 0.01]];
+    let mut scene = scene(&turns.map(|turn| pose_at([0.0; 3], turn)));
+    scene.iter_mut().for_each(|(_, prior)| prior.fill(3.0));
+    let mut turned = photographs(&scene);
+    for one in &mut turned {
+        (one.camera.fx, one.camera.fy, one.focal_assumed) =
+            (0.85 * one.camera.fx, 0.85 * one.camera.fy, true);
+    }
+    let found = estimate(&turned, 0).photographs;
+    for one in &found[1..] {
+        assert!(matches!(one.verdict, Verdict::NoParallax(pixels) if pixels < 0.6), "{}", one.verdict);
+    }
+}
+
 /// Turned on the spot, in another place, and blank: each has its verdict, and the others their poses.
 #[test]
 fn what_does_not_fit_is_named() {

@@ -1,9 +1,9 @@
 //! Every photograph of a capture refined. The files of all of them, such as the poses and one cloud, are written at the end.
 
 use crate::output::every::{CLOUD, EveryRecord, MESHES, PhotographRow, write_all};
-use crate::output::export::RefinedView;
 use crate::output::export::colmap::FOLDER as WORKSPACE;
 use crate::output::export::transforms::FILE as TRANSFORMS;
+use crate::output::export::{Format, RefinedView};
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
 use crate::program::many::{finish, finished, mark};
@@ -11,7 +11,8 @@ use crate::program::report::{INDEX, every_page};
 use crate::program::store::{OpenFolder, OutputFolder, RECORD};
 use crate::program::{DenseArgs, Job, Progress, about, interrupt, intervals, message, number, write_json};
 use crate::refiner::Plan;
-use crate::scene::Scene;
+use crate::refiner::plan::gathered_bytes;
+use crate::scene::{Photograph, Scene};
 use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::COLMAP_FUSION;
@@ -40,8 +41,11 @@ pub(crate) fn run(
     output: &Path,
     progress: &mut Progress,
 ) -> Result<()> {
-    let _folder = OpenFolder::open(output, args.shard.is_some())?;
     let settings = job.refiner.settings();
+    let (size, count) = (scene.photographs.first().map(Photograph::size), scene.photographs.len());
+    let gathered = |pixels| gathered_bytes(pixels, count as u64, job.export.contains(&Format::Mesh));
+    settings.memory.check(&format!("{count} photographs"), size.unwrap_or_default(), gathered)?;
+    let _folder = OpenFolder::open(output, args.shard.is_some())?;
     // What is made of all photographs changes none of them.
     let of_each: Vec<_> = job.export.iter().filter(|format| !format.is_of_capture()).collect();
     let of_all = format!("{:?} {} {} {of_each:?}", versions(), job.refiner.identity()?, scene.identity());
