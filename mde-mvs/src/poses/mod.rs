@@ -10,7 +10,8 @@
 //! \\[ \min \sum_{k, v} \rho\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
 //!   {}+ \sum_k \rho\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
 //!
-//! A photograph whose rotation stays uncertain has no pose ([`Verdict::Uncertain`]).
+//! A photograph whose rotation stays uncertain has no pose ([`Verdict::Uncertain`]); one whose matches a turn on the spot explains as well,
+//! with the focal length free where it is assumed, has no parallax ([`Verdict::NoParallax`]).
 //!
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
 //! other, and without the prior the result may be off by degrees.
