@@ -260,7 +260,12 @@ mod tests {
             image: views[0],
             camera,
             png,
-            beside: Beside { strip: strip(&views, 300), truth: Some(depth.view()), ..Beside::default() },
+            beside: Beside {
+                strip: strip(&views, 300),
+                truth: Some(depth.view()),
+                evidence: vec![("confirmed", sigma.view())],
+                ..Beside::default()
+            },
         })
     }
 
@@ -293,6 +298,17 @@ mod tests {
         let panel = |index: usize| colours(&two, (row, MARGIN + index * (300 + MARGIN) + 100));
         assert_eq!((panel(0), panel(1)), (panel(1), panel(2)));
         assert_ne!(panel(2), panel(3));
+    }
+
+    /// Of one photograph there is no strip, and the truth is not shown.
+    #[test]
+    fn the_photographs_that_confirm_a_pixel_take_the_place_of_a_flat_prior() {
+        let canvas = shown(&Array2::from_elem((30, 300), 2.0), 4.0, &[0.5]);
+        let row = 2 * MARGIN + text_height(300) + 10;
+        let panel = |index: usize| colours(&canvas, (row, MARGIN + index * (300 + MARGIN) + 100));
+        // Sigma is twice the depth, and the count the largest there is: both have the last colour.
+        assert_eq!((panel(0), panel(1), panel(2)), ([128; 3], DEPTHS.at(0.5), OTHERS.at(1.0)));
+        assert_eq!(panel(3), panel(2));
     }
 
     #[test]
