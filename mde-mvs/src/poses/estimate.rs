@@ -24,7 +24,7 @@ const MOST_UNCERTAIN: f64 = 3.0;
 /// Least median parallax of a photograph that determines depth, pixels.
 const MIN_PARALLAX_PIXELS: f64 = 2.0;
 
-/// A photograph whose matches a turn on the spot explains to less than this median has no parallax, pixels. Of 75 photographs of 13 captures
+/// A photograph whose matches a turn on the spot explains to less than this median has no parallax, pixels. Of 70 photographs of 13 captures
 /// the least has .95, turned pictures have .1.
 const MIN_TURN_PIXELS: f64 = 0.6;
 
