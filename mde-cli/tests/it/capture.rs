@@ -42,6 +42,10 @@ fn several_photographs_need_no_network() {
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
     let page = place.text("all/index.html");
     assert!(page.contains("id=\"capture\"") && page.contains("\"folder\":\"3\""), "no view of the capture");
+    // Without the cloud there is no view, and no error.
+    fs::remove_file(place.path("all/cloud.ply")).unwrap();
+    place.run("report all");
+    assert!(!place.text("all/index.html").contains("id=\"capture\""));
     let surface = "dense transforms.json --no-nerf --export mesh --max-memory 0.15 -q -o none";
     place.refused(surface, "4 photographs: ; --max-memory 0.15");
     // What can't be read is named, and the others are used, not so the reference; the first photograph is one like the others.

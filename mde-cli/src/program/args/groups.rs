@@ -41,7 +41,7 @@ pub(crate) struct RefinementArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Prior")]
 pub(crate) struct PriorArgs {
-    /// A monocular depth network, such as FastDepth or Depth Anything V2; docs/models.md says where to get one
+    /// A monocular depth network, such as FastDepth or Depth Anything V2; docs/models.md has the addresses
     #[arg(long, value_name = "MODEL.onnx", conflicts_with = "prior_depth")]
     pub(crate) prior_model: Option<PathBuf>,
     /// A depth map of the image's size: .npy, .npz, .png (16 bit), .pfm, .exr

@@ -14,18 +14,22 @@ use std::path::Path;
 const POINTS: usize = 120_000;
 /// Steps of a coordinate across the cloud.
 const STEPS: f32 = 65535.0;
+/// The last property of a point and the end of the header.
+const END: &[u8] = b"property float sigma\nproperty uchar confirmed\nend_header\n";
 /// Bytes of a point of [`CLOUD`], and where its colour and the number of photographs that confirm it stand.
 const STRIDE: usize = 32;
 const COLOUR: usize = 24;
 const CONFIRMED: usize = 31;
 
-/// The view of a finished folder, for its page; nothing where it has no points.
+/// The view of a finished folder, for its page; nothing where its cloud is gone, has no points, or was written with other properties.
 pub(super) fn view(folder: &Path, rows: &[PhotographRow]) -> Result<Option<String>> {
     let path = folder.join(CLOUD);
+    if !(path.is_file() && folder.join(TRANSFORMS).is_file()) {
+        return Ok(None);
+    }
     let cloud = fs::read(&path).with_context(|| format!("{}: can't be read", path.display()))?;
-    let end = b"end_header\n";
     let start =
-        cloud.windows(end.len()).position(|bytes| bytes == end).map_or(cloud.len(), |at| at + end.len());
+        cloud.windows(END.len()).position(|bytes| bytes == END).map_or(cloud.len(), |at| at + END.len());
     let every = ((cloud.len() - start) / STRIDE).div_ceil(POINTS).max(1);
     let points: Vec<&[u8]> = cloud[start..].chunks_exact(STRIDE).step_by(every).collect();
     if points.is_empty() {
