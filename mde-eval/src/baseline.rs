@@ -1,7 +1,7 @@
 //! Baselines: filters, a solver, and further predictions of the model.
 //!
-//! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
-//! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
+//! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`].
+//! Missing depth (0, or not finite) stays missing and is left out of averages.
 
 mod guided;
 mod joint_bilateral;
@@ -12,7 +12,6 @@ pub mod sigma;
 mod solver;
 mod sweep;
 mod unsharp;
-mod weighted_median;
 
 pub use guided::guided_filter;
 pub use joint_bilateral::joint_bilateral;
@@ -22,9 +21,8 @@ pub use predictions::{ZoomMerge, flip_average};
 pub use solver::{fast_bilateral, solve_bilateral};
 pub use sweep::{gauged_prior, plane_sweep};
 pub use unsharp::Unsharp;
-pub use weighted_median::weighted_median;
 
-use crate::{Error, Method, Refined, Result, Task};
+use crate::{Error, Method, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
 /// Names of the baselines. Others: `zoom30`, the grids of [`ZoomMerge`] that 30 predictions allow; `unsharp1.5`, with any number.
@@ -38,31 +36,25 @@ pub const METHODS: &[&str] = &[
     "noise",
     "guided",
     "jbf",
-    "wmf",
     #[cfg(feature = "solver")]
     "fbs",
     "gauged",
     "sweep",
 ];
 
-/// A baseline by its name; several joined by `+` run one after the other, each on the depth of the one before.
+/// A baseline by its name.
 ///
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
 pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
-    Ok(Box::new(Chain(name.split('+').map(single).collect::<Result<_>>()?)))
-}
-
-fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     let unknown = || Error::Unknown { what: "method", name: name.to_owned(), known: METHODS.join(", ") };
     Ok(match name {
-        "prior" => Box::new(Chain(Vec::new())),
+        "prior" => Box::new(|task: &Task<'_>| Ok(task.prior.to_owned().into())),
         "flip" => Box::new(flip_average),
         "zoom" => Box::new(ZoomMerge::with_predictions(14)),
         "noise" => Box::new(white_noise),
         "guided" => Box::new(guided_filter),
         "jbf" => Box::new(joint_bilateral),
-        "wmf" => Box::new(weighted_median),
         "gauged" => Box::new(gauged_prior),
         "sweep" => Box::new(plane_sweep),
         #[cfg(feature = "solver")]
@@ -76,20 +68,6 @@ fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
             Box::new(Unsharp { amount })
         }
     })
-}
-
-/// One after the other; the prior as it is without any.
-struct Chain(Vec<Box<dyn Method + Send + Sync>>);
-
-impl Method for Chain {
-    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        let mut refined = Refined::from(task.prior.to_owned());
-        for step in &self.0 {
-            // A step without an uncertainty of its own leaves none: the depth is another.
-            refined = step.refine(&Task { prior: refined.depth.view(), ..*task })?;
-        }
-        Ok(refined)
-    }
 }
 
 /// Whether a depth is known.

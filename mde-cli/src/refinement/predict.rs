@@ -38,7 +38,10 @@ pub(crate) fn predict(
     };
     if !(config.augmentation.is_active() && model.accepts_new_images()) {
         if config.augmentation.is_active() {
-            report.skipped = Some("the prior does not accept new images");
+            report.fewer = Some(
+                "no test-time augmentation: the prior does not accept new images; give {prior-model} to use it"
+                    .to_owned(),
+            );
         }
         let mut predicted = model.predict(image)?;
         let certainty = predicted.certainty.take();
@@ -50,6 +53,13 @@ pub(crate) fn predict(
     let prior = augmented.prior.to_depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
     report.reason = Some(reason(&augmented, config.augmentation.predictions));
+    report.fewer = match config.augmentation.predictions {
+        Predictions::Most(wanted) if wanted as usize > augmented.most => Some(format!(
+            "{{predictions}} {wanted}: {} are made; smaller crops have less than half the pixels of the model's input along a side",
+            augmented.most
+        )),
+        _ => None,
+    };
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
         return single(prior, certainty, report);

@@ -134,9 +134,7 @@ impl<'s> Prepared<'s> {
         if used && unit == Unit::Prior && !scaled {
             contradicted(&refinement, origin).into_iter().for_each(&mut *warn);
         }
-        if let Some(reason) = refinement.augmentation.skipped {
-            warn(format!("no test-time augmentation: {reason}; give {{prior-model}} to use it"));
-        }
+        refinement.augmentation.fewer.iter().cloned().for_each(&mut *warn);
         for (index, iteration) in refinement.iterations.iter().enumerate() {
             for warning in &iteration.fusion.warnings {
                 warn(format!("iteration {}: {warning}", index + 1));

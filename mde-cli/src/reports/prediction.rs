@@ -24,8 +24,8 @@ pub struct AugmentationReport {
     pub plan: Option<Plan>,
     /// Why it is this plan.
     pub reason: Option<String>,
-    /// Why the configured augmentation was skipped.
-    pub skipped: Option<&'static str>,
+    /// Why there are fewer predictions than were asked for.
+    pub fewer: Option<String>,
     /// Median spread of the predictions, as a fraction of the depth.
     pub median_spread: Option<f64>,
     /// Stated error that all predictions share, as a fraction of the depth.

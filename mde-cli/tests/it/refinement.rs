@@ -189,7 +189,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
     let predictions = refined.augmentation.predictions;
     assert!(predictions > 9 && model.0.load(Ordering::Relaxed) == predictions);
     assert_eq!(calls.last(), Some(&(predictions, predictions)));
-    assert!(refined.field.is_none() && refined.augmentation.skipped.is_none());
+    assert!(refined.field.is_none() && refined.augmentation.fewer.is_none());
     for (mean, sigma) in refined.depth.mean().iter().zip(refined.depth.sigma()) {
         assert!(*mean > 0.0 && sigma >= 0.1 * mean);
     }
@@ -205,7 +205,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
     assert_eq!(augmented(&model, &Config { refinement, ..config.clone() }).0.depth, refined.depth);
     let (kept, calls) = augmented(&map(&SCENE.depth), &config);
     assert_eq!((kept.depth.mean(), calls.len()), (kept.prior.view(), 0));
-    assert!(kept.augmentation.skipped.is_some());
+    assert!(kept.augmentation.fewer.is_some());
 }
 
 fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::Result<Refinement> {

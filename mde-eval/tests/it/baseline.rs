@@ -62,7 +62,7 @@ proptest! {
     #[test]
     fn missing_stays_missing_and_every_depth_is_one((image, prior) in picture()) {
         let alone = METHODS.iter().copied().filter(|name| !["gauged", "sweep"].contains(name));
-        for name in alone.chain(["zoom+jbf", "unsharp-0.5"]) {
+        for name in alone.chain(["unsharp-0.5"]) {
             let refined = run(name, &image, &prior).unwrap();
             for (before, after) in prior.iter().zip(&refined) {
                 prop_assert_eq!(*before > 0.0, *after > 0.0, "{}: {} {}", name, before, after);
@@ -89,9 +89,7 @@ proptest! {
             let (plain, scaled) =
                 (run(name, &image, &prior).unwrap(), run(name, &image, &prior.mapv(|d| gain * d)).unwrap());
             for (a, b) in plain.iter().zip(&scaled) {
-                // A median may fall into the next bin by rounding.
-                let slack = if name == "wmf" { 0.05 } else { 2e-3 };
-                prop_assert!((gain * a - b).abs() <= slack * b.abs(), "{}: {} {}", name, gain * a, b);
+                prop_assert!((gain * a - b).abs() <= 2e-3 * b.abs(), "{}: {} {}", name, gain * a, b);
             }
         }
     }
@@ -100,7 +98,7 @@ proptest! {
     fn averages_stay_within_the_depths((image, prior) in picture()) {
         let known = || prior.iter().copied().filter(|d| *d > 0.0);
         let (low, high) = (known().fold(f32::MAX, f32::min), known().fold(0.0, f32::max));
-        for name in ["jbf", "wmf", "fbs"] {
+        for name in ["jbf", "fbs"] {
             for depth in run(name, &image, &prior).unwrap().into_iter().filter(|d| *d > 0.0) {
                 prop_assert!(depth >= low * 0.9999 && depth <= high * 1.0001, "{}: {} in {} {}", name, depth, low, high);
             }
@@ -194,7 +192,7 @@ fn a_model_that_is_asked_again_brings_its_detail() {
     let rule = DisparityRule::default();
     let task = Task::new(image.view(), &camera, prior.view(), &rule);
     assert!(matches!(named("zoom").unwrap().refine(&task), Err(Error::NoModel)));
-    assert!(matches!(named("flip+jbf").unwrap().refine(&task), Err(Error::NoModel)));
+    assert!(matches!(named("flip").unwrap().refine(&task), Err(Error::NoModel)));
 }
 
 /// A study from four sides.
@@ -250,7 +248,7 @@ fn the_gauge_of_the_poses_brings_a_prior_into_their_unit() {
 
 #[test]
 fn unknown_names_and_wrong_shapes_are_told() {
-    for name in ["blur", "", "unsharp", "unsharpx", "zoom+", "unsharpinf"] {
+    for name in ["blur", "", "unsharp", "unsharpx", "zoom+jbf", "unsharpinf"] {
         assert!(matches!(named(name), Err(Error::Unknown { .. })), "{name}");
     }
     let (image, prior) = (Array3::zeros((4, 5, 3)), Array2::ones((4, 4)));
@@ -286,7 +284,7 @@ fn they_are_what_direct_sums_and_scipy_give() {
     let prior = map(&file["depth"]);
     let (height, width) = prior.dim();
     let image = Array3::from_shape_fn((height, width, 3), |(y, x, c)| planes[c][(y, x)]);
-    for (name, tolerance) in [("guided", 1e-5), ("jbf", 3e-4), ("wmf", 5e-3), ("unsharp1", 1e-5)] {
+    for (name, tolerance) in [("guided", 1e-5), ("jbf", 3e-4), ("unsharp1", 1e-5)] {
         let (ours, theirs) = (run(name, &image, &prior).unwrap(), map(&file["expected"][name]));
         for (at, &expected) in theirs.indexed_iter() {
             let off = (ours[at] - expected).abs() / expected.max(1e-3);

@@ -66,17 +66,6 @@ def jbf(space=8.0, colour=0.1):
     return each(pixel)
 
 
-def wmf(r=15, colour=0.1):
-    def pixel(v, u):
-        w = window(v, u, r)
-        weight, d = colour_weights(v, u, w, colour).ravel(), depth[w].ravel()
-        order = np.argsort(d)
-        total = np.cumsum(weight[order])
-        return d[order][np.searchsorted(total, 0.5 * total[-1])]
-
-    return each(pixel)
-
-
 def unsharp(amount=1.0, sigma=8.0):
     logs = np.log(np.where(known, depth, 1.0))
     blur = lambda m: ndimage.gaussian_filter(m, sigma, mode="constant", truncate=4.0)
@@ -115,7 +104,7 @@ def fbs(lam=128.0):
     return (splat.T @ linalg.spsolve(a.tocsc(), splat @ (c * t))).reshape(H, W)
 
 
-expected = {"guided": guided(), "jbf": jbf(), "wmf": wmf(), "unsharp1": unsharp(), "fbs": fbs()}
+expected = {"guided": guided(), "jbf": jbf(), "unsharp1": unsharp(), "fbs": fbs()}
 out = {
     "image": [np.round(image[..., c], 6).tolist() for c in range(3)],
     "depth": np.round(depth, 6).tolist(),

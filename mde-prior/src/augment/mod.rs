@@ -47,8 +47,7 @@ use values::Values;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct AugmentationConfig {
-    /// Number of predictions, `"auto"` or an upper bound; 1 for no augmentation. More take longer and add detail, down to the
-    /// pixels that the model has not seen yet. [`Plan`] says which.
+    /// Number of predictions, `"auto"` or an upper bound; 1 for no augmentation. More take longer and add detail. [`Plan`] says which.
     pub predictions: Predictions,
     /// \\(q\\), 0 to 4: exponent of the local correlation of crop and map. Larger values flatten what the two disagree on.
     pub correlation_exponent: f64,
@@ -89,6 +88,8 @@ pub struct Augmented {
     pub spread: Array2<f32>,
     /// The images that were predicted.
     pub plan: Plan,
+    /// The most predictions that there are of an image of that size.
+    pub most: usize,
     /// The level after which [`Predictions::Auto`] left out further ones, where it did.
     pub stopped: Option<usize>,
 }
@@ -168,6 +169,7 @@ impl AugmentationConfig {
         let at_once = AtOnce::new(model.concurrency(), at_once);
         let input = model.resolution(height, width);
         let mut plan = Plan::new(self.predictions, (height, width), input);
+        let most = Plan::new(Predictions::Most(u32::MAX), (height, width), input).predictions();
         let mut whole = Vec::with_capacity(2);
         let mut done = 0;
         let mut predicted = |plan: &Plan| {
@@ -201,7 +203,7 @@ impl AugmentationConfig {
         };
         if plan.predictions() == 1 {
             let spread = Array2::zeros(prior.map.dim());
-            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan, stopped: None }));
+            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan, most, stopped: None }));
         }
         let mut stopped = None;
         let values = Values::of(&start);
@@ -263,7 +265,7 @@ impl AugmentationConfig {
             }
         });
         let spread = variance.mapv(|v| values.spread(v.max(0.0).sqrt()));
-        Ok(Some(Augmented { prior, merged, spread, plan, stopped }))
+        Ok(Some(Augmented { prior, merged, spread, plan, most, stopped }))
     }
 }
 

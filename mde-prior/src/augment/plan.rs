@@ -53,12 +53,12 @@ impl std::str::FromStr for Predictions {
 
 /// The images that are predicted: the whole image, crops level by level, and with `mirror` the mirror image of each.
 ///
-/// Level `n` has n x n crops whose sides are 2 / n of the image's (4 / 5 for n = 2), so that neighbours overlap by more than half.
-/// A crop shows the model more than the whole image does only where the image has the pixels for it: with \\(r\\) the geometric
-/// mean of the ratios of the image's sides to the model's [input](crate::DepthPrior::resolution), for sides of \\(1/r\\) and more.
-/// Without a known input \\(r = 2.5\\). Plans grow by 1, 2, 5, 10, 14, 28, 30, 60, 110, ... predictions.
+/// Level `n` has n x n crops whose sides are 2 / n of the image's (3 / 4 for n = 2), so that neighbours overlap by half and more.
+/// With \\(r\\) the geometric mean of the ratios of the image's sides to the model's [input](crate::DepthPrior::resolution), crops have sides
+/// of \\(1/2r\\) and more: the model gets none with less than half its pixels along a side. Without a known input \\(r = 2.5\\). Plans
+/// have 1, 2, 5, 10, 14, 28, 30, 60, 110, ... predictions.
 ///
-/// [`Predictions::Auto`] takes the largest plan whose predictions have at most five times the pixels of the image in all, of 2 to 60
+/// [`Predictions::Auto`] takes the largest plan whose predictions have at most five times the pixels of the image in all, of 10 to 60
 /// predictions. It ends at a level that moves the map by less (root mean square) than its predictions differ among themselves.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Plan {
@@ -74,14 +74,17 @@ pub struct Plan {
 const USUAL_RATIO: f64 = 2.5;
 /// Most pixels that [`Predictions::Auto`] predicts, as a multiple of the image's.
 const MOST_PIXELS: f64 = 5.0;
-/// Most predictions of [`Predictions::Auto`].
+/// Fewest and most predictions of [`Predictions::Auto`], where there are crops for them.
+const FEWEST: usize = 10;
 const MOST: usize = 60;
+/// Least side of a crop over that of the model's input.
+const LEAST: f64 = 0.5;
 /// Last level of a plan without mirror images: from there on they are worth more than another level.
 const LAST_PLAIN: usize = 4;
 
 /// Sides of the crops of level n, as a fraction of the image's.
 pub(super) fn side(n: usize) -> f64 {
-    if n <= 2 { 0.8 } else { 2.0 / n as f64 }
+    if n <= 2 { 0.75 } else { 2.0 / n as f64 }
 }
 
 impl Plan {
@@ -94,12 +97,12 @@ impl Plan {
         });
         let ratio = known.unwrap_or(USUAL_RATIO);
         let most = match predictions {
-            Predictions::Auto => ((MOST_PIXELS * ratio * ratio) as usize).clamp(2, MOST),
+            Predictions::Auto => ((MOST_PIXELS * ratio * ratio) as usize).clamp(FEWEST, MOST),
             Predictions::Most(most) => most as usize,
         };
         // More crops than pixels along an axis would repeat themselves; more than 2^21 in all are never predicted.
         let finest = image.0.min(image.1).min(128);
-        let levels = (2..=finest).take_while(|n| side(*n) * ratio >= 1.0).collect();
+        let levels = (2..=finest).take_while(|n| side(*n) * ratio >= LEAST).collect();
         Self { mirror: true, levels, ratio: known }.at_most(most)
     }
 
@@ -128,19 +131,23 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn crops_are_predicted_where_they_show_the_model_more() {
+    fn plans_are_those_of_the_sizes_of_image_and_model() {
         let auto = |image, input| Plan::new(Predictions::Auto, image, Some(input));
         // FastDepth, a network of 48 x 48, and Depth Anything, whose input has more pixels than the image.
         assert_eq!(auto((480, 640), (224, 224)).levels, [2, 3, 4]);
         assert_eq!(auto((480, 640), (224, 224)).predictions(), 30);
         assert_eq!(auto((480, 640), (48, 48)).predictions(), 60);
         let anything = auto((480, 640), (518, 686));
-        assert_eq!((anything.mirror, anything.predictions()), (true, 2));
+        assert_eq!((anything.mirror, anything.levels), (true, vec![2]));
         assert_eq!(auto((1060, 1414), (518, 686)).levels, [2, 3]);
+        // Three quarters of this image are fewer than half the model's pixels.
+        assert_eq!(auto((240, 320), (518, 686)).predictions(), 2);
         assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3, 4]);
         let at_most = |most| Plan::new(Predictions::Most(most), (960, 960), Some((96, 96))).predictions();
         let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(at_most);
         assert_eq!(steps, [1, 2, 2, 5, 10, 14, 14, 28, 30, 60, 110]);
+        let all = |predictions| Plan::new(predictions, (480, 640), Some((448, 640))).predictions();
+        assert_eq!([Predictions::Most(21), Predictions::Most(100)].map(all), [14, 60]);
     }
 
     proptest! {

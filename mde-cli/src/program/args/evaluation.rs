@@ -20,8 +20,8 @@ Examples:
 
 Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); field (multi-view);
 a TOML file over default, or over another preset as in multi-view:my.toml; the baselines prior, flip, zoom, unsharp0.5, unsharp1,
-unsharp2, noise, guided, jbf, wmf and fbs, and with several photographs gauged and sweep; baselines chained with a plus, such as
-zoom+jbf; and the maps of another program, NAME=FOLDER.
+unsharp2, noise, guided, jbf and fbs, and with several photographs gauged and sweep; and the maps of another program,
+NAME=FOLDER.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG), eval.json (what was evaluated), and every map under
 scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
