@@ -6,7 +6,7 @@ use crate::prior::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
 use crate::refiner::plausibility::{contradicted, doubts};
 use crate::refiner::{Prepared, Settings, Stated};
-use crate::reports::{Component, Refinement};
+use crate::reports::{CaptureReport, Component, Refinement};
 use crate::scene::{CameraSource, KnownCamera, SameScale, Scene, byte, thumbnail};
 use mde_prior::DepthKind;
 use mde_prior::format::DepthPng;
@@ -117,6 +117,7 @@ impl<'s> Prepared<'s> {
                 "{moved}: the matches contradict the given poses; theirs are used, and the unit may be off: check that the poses belong to the photographs"
             ));
         }
+        report.filter(|_| used).and_then(CaptureReport::lens_warning).into_iter().for_each(&mut *warn);
         let estimated = report.filter(|_| used).and_then(|report| report.photographs.get(photograph)?.camera);
         if let Some(found) = estimated.filter(|found| *found != camera.camera) {
             camera = KnownCamera { camera: found, source: CameraSource::Estimated };

@@ -31,6 +31,8 @@ pub struct CaptureReport {
     pub moved: Vec<String>,
     /// Factor on assumed focal lengths.
     pub focal_factor: Option<f64>,
+    /// Radial distortion that the matches want beyond chance, as the share of its distance from the centre by which a corner moves.
+    pub distortion: Option<f64>,
     /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.
     pub scale: Option<[f64; 2]>,
     /// The field's fit.
@@ -142,6 +144,15 @@ pub struct CaptureSeconds {
 }
 
 impl CaptureReport {
+    /// What the matches' [`distortion`](Self::distortion) means for the user.
+    pub(crate) fn lens_warning(&self) -> Option<String> {
+        let percent = 100.0 * self.distortion?.abs();
+        Some(format!(
+            "the matches fit better with a lens that moves the corners by {percent:.0} % of their distance from the centre: the assumed camera is not the photographs', and depth \
+             may be wrong; give undistorted photographs, or a capture with its camera model, such as COLMAP's"
+        ))
+    }
+
     pub(crate) fn new<'n>(names: impl Iterator<Item = &'n str>, reference: usize) -> Self {
         let photograph = |(index, name): (usize, &str)| PhotographReport {
             name: name.to_owned(),

@@ -68,6 +68,7 @@ pub(super) fn posed(
         let estimated = estimate_poses(&inputs, reference, seed, matched)?;
         report.poses = PoseSource::Estimated;
         report.focal_factor = Some(estimated.focal_factor);
+        report.distortion = estimated.distortion;
         estimated.photographs
     };
     for (photograph, found) in report.photographs.iter_mut().zip(&found) {

@@ -12,6 +12,7 @@
 //! pass infinity on its way. Depths meet in no residual, so each is eliminated by a division (Schur's complement); what is left
 //! is as small as seven times the number of photographs.
 
+mod distortion;
 mod triangulation;
 
 use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, is_flat, shared_error_factor};
@@ -86,6 +87,8 @@ pub(super) struct Cameras {
     pub(super) log_focal: f64,
     /// Standard deviation of that logarithm.
     pub(super) focal_sigma: f64,
+    /// Radial distortion of all photographs, where it is adjusted: see [`Lens::bend`].
+    radial: Option<f64>,
     /// Logarithmic scale of each photograph's prior. The reference's is kept, which gives the poses their unit.
     pub(super) log_scales: Vec<f64>,
     /// Standard deviation of the logarithm of each photograph's prior, per track.
@@ -117,6 +120,7 @@ struct Linear {
     view: Matrix2x6,
     depth: Vector2<f64>,
     focal: Vector2<f64>,
+    radial: Vector2<f64>,
 }
 
 /// Where the parameters of a bundle are in its vector.
@@ -124,6 +128,7 @@ struct Layout {
     poses: Vec<Option<usize>>,
     scales: Vec<Option<usize>>,
     focal: Option<usize>,
+    radial: Option<usize>,
     size: usize,
 }
 
@@ -153,6 +158,13 @@ impl Lens {
         if self.assumed { self.focal * log_factor.exp() } else { self.focal }
     }
 
+    /// \\( (p - c)\, \lVert p - c \rVert^2 / \lVert c \rVert^2 \\): with a radial distortion \\( k \\) the pixel without it is \\( p \\) plus \\( k \\) times this, so
+    /// that a corner moves by that share of its distance from the centre.
+    fn bend(&self, pixel: &Point2<f64>) -> Vector2<f64> {
+        let from = pixel.coords - self.centre;
+        from * (from.norm_squared() / self.centre.norm_squared())
+    }
+
     /// The ray of z = 1 of a pixel.
     pub(super) fn ray(&self, pixel: &Point2<f64>, log_factor: f64) -> Vector3<f64> {
         (pixel.coords - self.centre).component_div(&self.focal(log_factor)).push(1.0)
@@ -173,6 +185,7 @@ impl Cameras {
             poses,
             fixed: (0..count).map(|v| v == 0).collect(),
             log_focal: 0.0,
+            radial: None,
             focal_sigma: FOCAL_SIGMA / shared_error_factor(tracks),
             log_scales: vec![0.0; count],
             prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(tracks); count],
@@ -180,10 +193,16 @@ impl Cameras {
         }
     }
 
+    /// A pixel of a photograph without the distortion.
+    fn straight(&self, view: usize, pixel: &Point2<f64>) -> Point2<f64> {
+        self.radial.map_or(*pixel, |radial| pixel + radial * self.lenses[view].bend(pixel))
+    }
+
     fn seen(&self, track: &Observed, view: usize) -> Seen {
         let motion = self.poses[view] * self.poses[track.anchor].inverse();
         let rotation = motion.rotation.to_rotation_matrix().into_inner();
-        let ray = self.lenses[track.anchor].ray(&track.pixel, self.log_focal);
+        let pixel = self.straight(track.anchor, &track.pixel);
+        let ray = self.lenses[track.anchor].ray(&pixel, self.log_focal);
         let point = rotation * ray + motion.translation.vector * track.inverse_depth;
         Seen { rotation, translation: motion.translation.vector, ray, point }
     }
@@ -200,7 +219,8 @@ impl Cameras {
         pixel: &Point2<f64>,
     ) -> Option<Vector2<f64>> {
         let seen = self.seen(track, view);
-        Some((self.project(view, &seen.point)? - pixel.coords) / self.lenses[view].noise)
+        let found = self.straight(view, pixel).coords;
+        Some((self.project(view, &seen.point)? - found) / self.lenses[view].noise)
     }
 
     /// By how much the baseline moves a track in a view, over the noise: from where its direction alone would land.
@@ -229,15 +249,18 @@ impl Cameras {
         if lens.assumed {
             focal += (at - lens.centre) / lens.noise;
         }
-        if self.lenses[track.anchor].assumed {
+        let anchor = &self.lenses[track.anchor];
+        let moved = anchor.bend(&track.pixel).component_div(&anchor.focal(self.log_focal));
+        if anchor.assumed {
             focal -= onto * (rotation * Vector3::new(ray.x, ray.y, 0.0));
         }
         Some(Linear {
-            residual: (at - pixel.coords) / lens.noise,
+            residual: (at - self.straight(view, pixel).coords) / lens.noise,
             anchor: part(-rotation * inverse_depth, rotation * ray.cross_matrix()),
             view: part(Matrix3::identity() * inverse_depth, -point.cross_matrix()),
             depth: onto * translation * if track.prior.is_some() { -inverse_depth } else { 1.0 },
             focal,
+            radial: onto * rotation * moved.push(0.0) - lens.bend(pixel) / lens.noise,
         })
     }
 
@@ -326,7 +349,8 @@ impl Bundle {
         let poses = (0..count).map(|v| take(!fixed[v] && used[v], 6)).collect();
         let scales = (0..count).map(|v| take(has_prior[v] && v != 0, 1)).collect();
         let focal = take(lenses.iter().any(|lens| lens.assumed), 1);
-        Layout { poses, scales, focal, size }
+        let radial = take(self.cameras.radial.is_some(), 1);
+        Layout { poses, scales, focal, radial, size }
     }
 
     /// Normal equations before any elimination; observations count as if their noise were `noise` times as large.
@@ -354,6 +378,7 @@ impl Bundle {
                     columns.extend(six.zip(part.column_iter().map(|column| column.into_owned())));
                 }
                 columns.extend(layout.focal.map(|index| (index, linear.focal)));
+                columns.extend(layout.radial.map(|index| (index, linear.radial)));
                 for &(i, a) in &columns {
                     vector[i] += weight * a.dot(&linear.residual);
                     share(i, weight * a.dot(&linear.depth));
@@ -434,6 +459,7 @@ impl Bundle {
             *scale += index.map_or(0.0, |i| common[i]);
         }
         cameras.log_focal += layout.focal.map_or(0.0, |i| common[i]);
+        cameras.radial = cameras.radial.zip(layout.radial).map(|(radial, i)| radial + common[i]);
         for (track, step) in self.tracks.iter_mut().zip(depths) {
             let [least, most] = INVERSE_DEPTH;
             track.inverse_depth = if track.prior.is_some() {

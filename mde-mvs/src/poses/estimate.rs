@@ -116,6 +116,9 @@ pub struct Estimated {
     pub depths: Vec<(Point2<f64>, f64)>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
     pub focal_factor: f64,
+    /// Radial distortion with which the matches fit better beyond chance, as the share of its distance from the centre by which a corner
+    /// moves: the camera is none of the photographs', or the poses are wrong.
+    pub distortion: Option<f64>,
 }
 
 /// Poses of photographs without any; the module's front page has the method.
@@ -184,7 +187,7 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
             (dropped[v], uncertain[v]) = (true, Some(degrees));
             continue;
         }
-        let focal_factor = bundle.cameras.log_focal.exp();
+        let (focal_factor, distortion) = (bundle.cameras.log_focal.exp(), bundle.distortion());
         let of_photograph = |v: usize| {
             let parallax = bundle.median_parallax(v);
             let camera = &sorted[v].camera;
@@ -212,7 +215,7 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
             }
         };
         let photographs = (0..shots.len()).map(of_photograph).collect();
-        return Estimated { photographs, depths: bundle.reference_depths(), focal_factor };
+        return Estimated { photographs, depths: bundle.reference_depths(), focal_factor, distortion };
     }
 }
 

@@ -5,7 +5,7 @@ use crate::program::open::scene::size;
 use crate::program::open::{Opener, existing, limit, prior, sizes};
 use crate::program::store::{NewFolder, check_new_file};
 use crate::program::{PosesArgs, Progress, line_of, number};
-use crate::refiner::{Refiner, Settings};
+use crate::refiner::{Observer, Refiner, Settings};
 use crate::reports::CaptureReport;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::{Block, Document, Table};
@@ -52,6 +52,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
         let lens = Lens { camera: camera.resized(width, height)?, distortion: Distortion::default() };
         frames.push(Frame { photograph: relative(path, folder)?.into(), lens, pose });
     }
+    report.lens_warning().into_iter().for_each(|warning| progress.warn(warning));
     mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
     let factor = report.focal_factor.filter(|factor| (factor - 1.0).abs() > 1e-9);

@@ -104,6 +104,31 @@ fn focal_length_and_scales_of_priors_are_recovered() {
     assert!(apart(&poses[2], &expected) < 1e-6, "{}", apart(&poses[2], &expected));
 }
 
+/// Photographs of another lens are told from those of a pinhole camera.
+#[test]
+fn a_distortion_of_the_lens_is_told() {
+    let straight = scene(&motions(), 80, 5);
+    let bent = |radial: f64| {
+        let mut bundle = straight.clone();
+        let lens = bundle.cameras.lenses[0];
+        // Where the pixel without the distortion is the one of the pinhole camera.
+        let bend = |pixel: &mut Point2<f64>| {
+            let at = *pixel;
+            (0..40).for_each(|_| *pixel = at - radial * lens.bend(pixel));
+        };
+        for track in &mut bundle.tracks {
+            bend(&mut track.pixel);
+            track.views.iter_mut().for_each(|(_, pixel)| bend(pixel));
+        }
+        bundle.adjust(100);
+        bundle.distortion()
+    };
+    assert_eq!([0.0, 0.01].map(bent), [None, None]);
+    for radial in [-0.06, 0.1] {
+        assert!((bent(radial).unwrap() - radial).abs() < 1e-3, "{:?}", bent(radial));
+    }
+}
+
 /// Without a prior depths are inverse, and one that starts beyond infinity comes back.
 #[test]
 fn depths_come_back_from_beyond_infinity() {
@@ -202,6 +227,7 @@ proptest! {
         bundle.cameras.lenses[0].assumed = true;
         bundle.cameras.lenses[2].assumed = true;
         bundle.cameras.log_focal = 0.05;
+        bundle.cameras.radial = Some(-0.03);
         bundle.tracks.iter_mut().step_by(2).for_each(|track| track.prior = None);
         bundle.cameras.log_scales[1] = 0.1;
         let mut poses = bundle.cameras.poses.clone();

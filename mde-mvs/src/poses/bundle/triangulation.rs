@@ -56,7 +56,7 @@ impl Cameras {
     /// by the angle between the rays and for any ratio of baseline to depth.
     fn inverse_depth(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> f64 {
         let Seen { rotation, translation, ray, .. } = self.seen(track, view);
-        let there = self.lenses[view].ray(pixel, self.log_focal);
+        let there = self.lenses[view].ray(&self.straight(view, pixel), self.log_focal);
         let (turned, moved) = ((rotation * ray).cross(&there), translation.cross(&there));
         let found = -turned.dot(&moved) / moved.norm_squared();
         if found.is_finite() { found.clamp(INVERSE_DEPTH[0], INVERSE_DEPTH[1]) } else { INVERSE_DEPTH[0] }
