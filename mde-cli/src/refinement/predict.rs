@@ -151,7 +151,7 @@ mod tests {
         let prior = PriorDepth::from_values(Array2::ones((2, 2)), DepthKind::Metric).unwrap();
         let plan = Plan { mirror: true, levels: vec![2], ratio: Some(2.5) };
         let spread = Array2::zeros((2, 2));
-        let mut augmented = Augmented { merged: prior.clone(), prior, spread, plan, stopped: None };
+        let mut augmented = Augmented { merged: prior.clone(), prior, spread, plan, most: 1, stopped: None };
         let told = reason(&augmented, Predictions::Auto);
         assert_eq!(told, "auto: the image has 2.5 times the pixels of the model's input along a side");
         augmented.stopped = Some(2);
