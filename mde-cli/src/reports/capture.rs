@@ -148,8 +148,8 @@ impl CaptureReport {
     pub(crate) fn lens_warning(&self) -> Option<String> {
         let percent = 100.0 * self.distortion?.abs();
         Some(format!(
-            "the matches fit better with a lens that moves the corners by {percent:.0} % of their distance from the centre: the assumed camera is not the photographs', and depth \
-             may be wrong; give undistorted photographs, or a capture with its camera model, such as COLMAP's"
+            "the matches fit better with a lens that moves the corners by {percent:.0} % of their distance from the centre: the camera or the poses are wrong, and depth may be; \
+             give undistorted photographs, or a capture with its camera model, such as COLMAP's"
         ))
     }
 
