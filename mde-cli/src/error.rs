@@ -70,7 +70,7 @@ impl Error {
 }
 
 /// Arguments that texts of the library name in braces.
-const ARGUMENTS: [&str; 18] = [
+const ARGUMENTS: [&str; 19] = [
     "alignment",
     "calibration",
     "depth-range",
@@ -82,6 +82,7 @@ const ARGUMENTS: [&str; 18] = [
     "max-size",
     "model-profile",
     "png-scale",
+    "predictions",
     "prior-kind",
     "prior-model",
     "same-scale",
