@@ -3,7 +3,7 @@
 use crate::config::{Config, SigmaConfig};
 use crate::error::{Error, Result};
 use crate::reports::{AugmentationReport, Component};
-use mde_prior::augment::{Predictions, Progress};
+use mde_prior::augment::{Plan, Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
@@ -53,13 +53,14 @@ pub(crate) fn predict(
     let prior = augmented.prior.to_depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
     report.reason = Some(reason(&augmented, config.augmentation.predictions));
-    report.fewer = match config.augmentation.predictions {
-        Predictions::Most(wanted) if wanted as usize > augmented.most => Some(format!(
-            "{{predictions}} {wanted}: {} are made; smaller crops have less than half the pixels of the model's input along a side",
-            augmented.most
-        )),
-        _ => None,
-    };
+    if let Predictions::Most(wanted) = config.augmentation.predictions {
+        let (height, width) = prior.dim();
+        let input = model.resolution(height, width);
+        let all = Plan::new(Predictions::Most(u32::MAX), (height, width), input).predictions();
+        report.fewer = (wanted as usize > all).then(|| format!(
+            "{{predictions}} {wanted}: {all} are made; smaller crops have less than half the pixels of the model's input along a side"
+        ));
+    }
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
         return single(prior, certainty, report);
@@ -143,7 +144,6 @@ fn variance(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_prior::augment::Plan;
     use mde_prior::{DepthKind, PriorDepth};
 
     #[test]
@@ -151,7 +151,7 @@ mod tests {
         let prior = PriorDepth::from_values(Array2::ones((2, 2)), DepthKind::Metric).unwrap();
         let plan = Plan { mirror: true, levels: vec![2], ratio: Some(2.5) };
         let spread = Array2::zeros((2, 2));
-        let mut augmented = Augmented { merged: prior.clone(), prior, spread, plan, most: 1, stopped: None };
+        let mut augmented = Augmented { merged: prior.clone(), prior, spread, plan, stopped: None };
         let told = reason(&augmented, Predictions::Auto);
         assert_eq!(told, "auto: the image has 2.5 times the pixels of the model's input along a side");
         augmented.stopped = Some(2);

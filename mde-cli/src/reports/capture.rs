@@ -31,7 +31,7 @@ pub struct CaptureReport {
     pub moved: Vec<String>,
     /// Factor on assumed focal lengths.
     pub focal_factor: Option<f64>,
-    /// Radial distortion that the matches want beyond chance, as the share of its distance from the centre by which a corner moves.
+    /// Radial distortion with which the matches fit better beyond chance, as the share of its distance from the centre by which a corner moves.
     pub distortion: Option<f64>,
     /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.
     pub scale: Option<[f64; 2]>,
@@ -144,7 +144,7 @@ pub struct CaptureSeconds {
 }
 
 impl CaptureReport {
-    /// What the matches' [`distortion`](Self::distortion) means for the user.
+    /// The warning of a [`distortion`](Self::distortion).
     pub(crate) fn lens_warning(&self) -> Option<String> {
         let percent = 100.0 * self.distortion?.abs();
         Some(format!(

@@ -24,7 +24,7 @@ pub struct AugmentationReport {
     pub plan: Option<Plan>,
     /// Why it is this plan.
     pub reason: Option<String>,
-    /// Why there are fewer predictions than were asked for.
+    /// The reason for fewer predictions than the settings name.
     pub fewer: Option<String>,
     /// Median spread of the predictions, as a fraction of the depth.
     pub median_spread: Option<f64>,

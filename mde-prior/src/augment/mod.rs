@@ -47,7 +47,7 @@ use values::Values;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct AugmentationConfig {
-    /// Number of predictions, `"auto"` or an upper bound; 1 for no augmentation. More take longer and add detail. [`Plan`] says which.
+    /// Number of predictions, `"auto"` or an upper bound; 1 for no augmentation. More take longer and add detail, in the order of [`Plan`].
     pub predictions: Predictions,
     /// \\(q\\), 0 to 4: exponent of the local correlation of crop and map. Larger values flatten what the two disagree on.
     pub correlation_exponent: f64,
@@ -88,8 +88,6 @@ pub struct Augmented {
     pub spread: Array2<f32>,
     /// The images that were predicted.
     pub plan: Plan,
-    /// The most predictions that there are of an image of that size.
-    pub most: usize,
     /// The level after which [`Predictions::Auto`] left out further ones, where it did.
     pub stopped: Option<usize>,
 }
@@ -169,7 +167,6 @@ impl AugmentationConfig {
         let at_once = AtOnce::new(model.concurrency(), at_once);
         let input = model.resolution(height, width);
         let mut plan = Plan::new(self.predictions, (height, width), input);
-        let most = Plan::new(Predictions::Most(u32::MAX), (height, width), input).predictions();
         let mut whole = Vec::with_capacity(2);
         let mut done = 0;
         let mut predicted = |plan: &Plan| {
@@ -203,7 +200,7 @@ impl AugmentationConfig {
         };
         if plan.predictions() == 1 {
             let spread = Array2::zeros(prior.map.dim());
-            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan, most, stopped: None }));
+            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan, stopped: None }));
         }
         let mut stopped = None;
         let values = Values::of(&start);
@@ -265,7 +262,7 @@ impl AugmentationConfig {
             }
         });
         let spread = variance.mapv(|v| values.spread(v.max(0.0).sqrt()));
-        Ok(Some(Augmented { prior, merged, spread, plan, most, stopped }))
+        Ok(Some(Augmented { prior, merged, spread, plan, stopped }))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Whether the matches want another lens.
+//! Whether a lens with distortion fits the matches better.
 
 use super::Bundle;
 use crate::poses::estimate::{LEAST_NOISE, STEPS};
@@ -10,7 +10,7 @@ const DEVIATIONS: f64 = 3.0;
 
 impl Bundle {
     /// The radial distortion with which the matches fit better beyond chance, as the share of its distance from the centre by which a corner
-    /// moves. A principal point that is off, and poses in a wrong minimum, want one too.
+    /// moves. So does it with a principal point that is off, and with poses in a wrong minimum.
     pub(in crate::poses) fn distortion(&self) -> Option<f64> {
         let factor = shared_error_factor(self.tracks.len());
         let mut bent = self.clone();

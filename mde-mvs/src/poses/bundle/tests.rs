@@ -104,9 +104,9 @@ fn focal_length_and_scales_of_priors_are_recovered() {
     assert!(apart(&poses[2], &expected) < 1e-6, "{}", apart(&poses[2], &expected));
 }
 
-/// Photographs of another lens are told from those of a pinhole camera.
+/// The distortion of a lens is found, and none in the photographs of a pinhole camera.
 #[test]
-fn a_distortion_of_the_lens_is_told() {
+fn a_distortion_of_the_lens_is_found() {
     let straight = scene(&motions(), 80, 5);
     let bent = |radial: f64| {
         let mut bundle = straight.clone();
