@@ -261,6 +261,9 @@ impl<'s> PreparedScene<'s> {
         let fused: Vec<&GaussianDepth> = reconstruction.views.iter().map(|known| &known.fused).collect();
         let evidence =
             Evidence::new(&views, &fused, rendered.as_ref().map(|rendered| &rendered.depth), &depth, factor)?;
+        if report.fusion.is_none() {
+            depth = result::with_sigma(depth, &mut components, &evidence.sigma_factor())?;
+        }
         report.confirmed = Some(evidence.confirmed_share());
         report.evidence = Some(evidence);
         Ok(Refinement { depth, components, field, capture: Some(report), ..Refinement::of_prior(prior) })

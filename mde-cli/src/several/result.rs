@@ -65,3 +65,14 @@ pub(super) fn refined(
     components.iter_mut().for_each(|component| component.sigma *= &ratio);
     Ok(refined)
 }
+
+/// The depth with sigma and its components times a factor.
+pub(super) fn with_sigma(
+    depth: GaussianDepth,
+    components: &mut [Component],
+    factor: &Array2<f32>,
+) -> Result<GaussianDepth> {
+    components.iter_mut().for_each(|component| component.sigma *= factor);
+    let (mean, variance) = depth.into_parts();
+    Ok(GaussianDepth::new(mean, variance * factor * factor)?)
+}

@@ -4,7 +4,10 @@ use super::consensus::agreement;
 use crate::Result;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, Zip};
+
+/// Logarithm of the factor on sigma: constant, and per chance that a photograph confirms the depth.
+const CONFIRMED: [f32; 2] = [1.39, -2.05];
 
 /// Where the depth of each pixel of the reference comes from, and how many photographs support it; all `[height, width]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,9 +59,35 @@ impl Evidence {
         [("origin", self.origin.view()), ("seen", self.seen.view()), ("confirmed", self.confirmed.view())]
     }
 
+    /// Factor on the standard deviation of each pixel: \\( e^{1.39 - 2.05 p} \\) with \\( p = (c + 1) / (n + 2) \\), Laplace's estimate of the
+    /// chance that a further photograph confirms the depth, of which `c` of the `n` that see the point do. With it, intervals hold as often where
+    /// photographs contradict each other as elsewhere: coefficients by which they do on ten procedural rooms.
+    pub fn sigma_factor(&self) -> Array2<f32> {
+        let [constant, slope] = CONFIRMED;
+        let chance = |confirmed: &f32, seen: &f32| (confirmed + 1.0) / (seen + 2.0);
+        Zip::from(&self.confirmed).and(&self.seen).map_collect(|c, n| (constant + slope * chance(c, n)).exp())
+    }
+
     /// Share of the pixels with a depth that at least one other photograph confirms.
     pub fn confirmed_share(&self) -> f64 {
         let known = self.origin.iter().filter(|origin| **origin > 0.0).count();
         self.confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known.max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    /// Six of six, one of one, none seen, none of one, none of six.
+    #[test]
+    fn sigma_falls_with_the_photographs_that_confirm() {
+        let (confirmed, seen) = (array![[6.0, 1.0, 0.0, 0.0, 0.0]], array![[6.0, 1.0, 0.0, 1.0, 6.0]]);
+        let factor = Evidence { origin: Array2::from_elem((1, 5), 2.0), seen, confirmed }.sigma_factor();
+        assert!(factor.iter().zip(factor.iter().skip(1)).all(|(a, b)| a < b), "{factor}");
+        for (found, chance) in factor.iter().zip([7.0 / 8.0, 2.0 / 3.0, 0.5, 1.0 / 3.0, 1.0 / 8.0]) {
+            assert!((found.ln() - (1.39 - 2.05 * chance)).abs() < 1e-6, "{found}");
+        }
     }
 }
