@@ -47,11 +47,11 @@ const MAX_SOURCES: usize = 32;
 const STRIDE: usize = 8;
 
 /// Most surfaces. Fewer are taken where that many would lie nearer than [`STEP`].
-const SURFACES: usize = 128;
+const SURFACES: usize = 64;
 /// Pixels between neighbouring surfaces in the source of most parallax.
 const STEP: f64 = 0.25;
 /// Penalty for a change by one surface between neighbours, in units of cost.
-const SMALL_PENALTY: f32 = 0.04;
+const SMALL_PENALTY: f32 = 0.06;
 /// Penalty for a larger change, in units of cost, divided by 1 + difference of luma / [`EDGE`].
 const LARGE_PENALTY: f32 = 0.4;
 /// Difference of luma that halves the large penalty.
