@@ -59,9 +59,9 @@ impl Evidence {
         [("origin", self.origin.view()), ("seen", self.seen.view()), ("confirmed", self.confirmed.view())]
     }
 
-    /// Factor on the standard deviation of each pixel: \\( e^{1.39 - 2.05 p} \\) with \\( p = (c + 1) / (n + 2) \\), Laplace's estimate of the
-    /// chance that a further photograph confirms the depth, of which `c` of the `n` that see the point do. With it, intervals hold as often where
-    /// photographs contradict each other as elsewhere: coefficients by which they do on ten procedural rooms.
+    /// Factor on sigma of each pixel: \\( e^{1.39 - 2.05 p} \\) with \\( p = (c + 1) / (n + 2) \\), Laplace's estimate of the chance that a
+    /// further photograph confirms the depth when `c` of the `n` that see the point do. The coefficients give intervals the same coverage
+    /// at every share of such photographs; they are fitted to ten procedural rooms.
     pub fn sigma_factor(&self) -> Array2<f32> {
         let [constant, slope] = CONFIRMED;
         let chance = |confirmed: &f32, seen: &f32| (confirmed + 1.0) / (seen + 2.0);
