@@ -46,12 +46,14 @@ const MAX_SOURCES: usize = 32;
 /// Pixels between two samples when the number of surfaces is chosen, along each axis.
 const STRIDE: usize = 8;
 
-/// Most surfaces. Fewer are taken where that many would lie nearer than [`STEP`].
-const SURFACES: usize = 64;
+/// Most surfaces, and most about a depth map. Fewer are taken where that many would lie nearer than [`STEP`].
+const SURFACES: usize = 128;
+const AROUND: usize = 64;
 /// Pixels between neighbouring surfaces in the source of most parallax.
 const STEP: f64 = 0.25;
-/// Penalty for a change by one surface between neighbours, in units of cost.
-const SMALL_PENALTY: f32 = 0.06;
+/// Penalty for a change by one surface between neighbours, in units of cost, and by one of those about a depth map, which are further apart.
+const SMALL_PENALTY: f32 = 0.04;
+const SMALL_PENALTY_AROUND: f32 = 0.06;
 /// Penalty for a larger change, in units of cost, divided by 1 + difference of luma / [`EDGE`].
 const LARGE_PENALTY: f32 = 0.4;
 /// Difference of luma that halves the large penalty.
@@ -130,7 +132,11 @@ pub fn sweep(
     }
     let (height, width) = from.camera.dim();
     let (centre, [low, high], logarithmic) = centre(from, surfaces)?;
-    let number = number_of_surfaces(from, &sources, &centre, [low, high]);
+    let (most, small) = match surfaces {
+        Surfaces::Around { .. } => (AROUND, SMALL_PENALTY_AROUND),
+        Surfaces::Planes { .. } | Surfaces::Ladder { .. } => (SURFACES, SMALL_PENALTY),
+    };
+    let number = number_of_surfaces(from, &sources, &centre, [low, high], most);
     let multiple = |k: usize| {
         let share = k as f64 / (number - 1) as f64;
         (if logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }) as f32
@@ -138,7 +144,7 @@ pub fn sweep(
     let multiples: Vec<f32> = (0..number).map(multiple).collect();
     let setup = Setup { reference: from, sources: &sources, centre: &centre, multiples: &multiples };
     let mut volume = Volume::new(&setup);
-    let mut found = estimates(&volume, from);
+    let mut found = estimates(&volume, from, small);
     // The multiple at a fraction of a surface, and how far apart the multiples beside it are.
     let multiple = |surface: f32| {
         let below = (surface.max(0.0) as usize).min(number - 2);
@@ -154,7 +160,7 @@ pub fn sweep(
         let moved = edge::moved(from, &logs);
         if !moved.is_empty() {
             edge::take(&mut volume, &moved, &centre, &multiples);
-            found = estimates(&volume, from);
+            found = estimates(&volume, from, small);
         }
     }
     let read = |pixel: usize| {
@@ -182,11 +188,11 @@ pub fn sweep(
 }
 
 /// The valley of every pixel's aggregated costs.
-fn estimates(volume: &Volume, from: &PosedView) -> Vec<Option<Estimate>> {
+fn estimates(volume: &Volume, from: &PosedView, small: f32) -> Vec<Option<Estimate>> {
     let (width, surfaces) = (from.camera.width, volume.surfaces);
     let grey: Vec<f32> = luma(from.image.view()).iter().copied().collect();
     let units = |cost: f32| (cost * WORST).round() as u16;
-    let penalties = Penalties { small: units(SMALL_PENALTY), large: units(LARGE_PENALTY), edge: EDGE };
+    let penalties = Penalties { small: units(small), large: units(LARGE_PENALTY), edge: EDGE };
     let sums = aggregate(volume, &grey, width, &penalties);
     let mut found = vec![None; grey.len()];
     let arch = Arch::new();
@@ -206,10 +212,10 @@ fn baseline(a: &PosedView, b: &PosedView) -> f64 {
     (centre(a) - centre(b)).norm()
 }
 
-/// Bytes that [`sweep`] takes beside its inputs and its result for a photograph of that many pixels: costs and their sums on all
+/// Bytes that [`sweep`] about a depth map takes beside its inputs and its result for a photograph of that many pixels: costs and their sums on all
 /// surfaces, and the samples of the sources.
 pub fn working_bytes(pixels: u64, sources: u64) -> u64 {
-    let volume = (size_of::<u8>() + size_of::<u16>()) as u64 * SURFACES as u64;
+    let volume = (size_of::<u8>() + size_of::<u16>()) as u64 * AROUND as u64;
     let sources = sources.min(MAX_SOURCES as u64).saturating_mul(size_of::<[f32; 4]>() as u64);
     // Luma, its windows and the centre of the reference; what is read from the sums.
     let reference = 12 * size_of::<f32>() as u64;
@@ -246,12 +252,13 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
     }
 }
 
-/// As many surfaces as keep neighbours within `step` pixels for three quarters of the pixels, in every source.
+/// As many surfaces as keep neighbours within [`STEP`] for three quarters of the pixels, in every source, at most `most`.
 fn number_of_surfaces(
     from: &PosedView,
     sources: &[&PosedView],
     centre: &[f32],
     [low, high]: [f64; 2],
+    most: usize,
 ) -> usize {
     let (height, width) = from.camera.dim();
     let mut longest = 0.0_f64;
@@ -270,7 +277,7 @@ fn number_of_surfaces(
         longest = longest.max(quantile(&mut paths, 0.75).unwrap_or(f64::INFINITY));
     }
     let wanted = (longest / STEP).ceil() + 1.0;
-    if wanted < SURFACES as f64 { (wanted as usize).max(16) } else { SURFACES }
+    if wanted < most as f64 { (wanted as usize).max(16) } else { most }
 }
 
 #[cfg(test)]
