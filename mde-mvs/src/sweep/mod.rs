@@ -46,12 +46,12 @@ const MAX_SOURCES: usize = 32;
 /// Pixels between two samples when the number of surfaces is chosen, along each axis.
 const STRIDE: usize = 8;
 
-/// Most surfaces, and most about a depth map. Fewer are taken where that many would lie nearer than [`STEP`].
+/// Most surfaces over a wide range, and about a depth map. Fewer are taken where that many would lie nearer than [`STEP`].
 const SURFACES: usize = 128;
 const AROUND: usize = 64;
 /// Pixels between neighbouring surfaces in the source of most parallax.
 const STEP: f64 = 0.25;
-/// Penalty for a change by one surface between neighbours, in units of cost, and by one of those about a depth map, which are further apart.
+/// Penalty for a change by one surface between neighbours, in units of cost; about a depth map, where a surface is a larger change, more.
 const SMALL_PENALTY: f32 = 0.04;
 const SMALL_PENALTY_AROUND: f32 = 0.06;
 /// Penalty for a larger change, in units of cost, divided by 1 + difference of luma / [`EDGE`].
@@ -212,8 +212,8 @@ fn baseline(a: &PosedView, b: &PosedView) -> f64 {
     (centre(a) - centre(b)).norm()
 }
 
-/// Bytes that [`sweep`] about a depth map takes beside its inputs and its result for a photograph of that many pixels: costs and their sums on all
-/// surfaces, and the samples of the sources.
+/// Bytes that [`sweep`] about a depth map takes beside its inputs and its result for a photograph of that many pixels: costs and their sums
+/// on all surfaces, and the samples of the sources.
 pub fn working_bytes(pixels: u64, sources: u64) -> u64 {
     let volume = (size_of::<u8>() + size_of::<u16>()) as u64 * AROUND as u64;
     let sources = sources.min(MAX_SOURCES as u64).saturating_mul(size_of::<[f32; 4]>() as u64);
