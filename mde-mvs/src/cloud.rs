@@ -1,5 +1,6 @@
 //! Photographs with poses and depths, and the points on which they agree.
 
+use crate::{centre, nearest_pixel};
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3, Vector3};
@@ -31,9 +32,8 @@ pub struct DepthView<'v> {
 impl DepthView<'_> {
     /// The point of a pixel in the frame of the camera, where its depth is known.
     pub fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
-        let z = *self.depth.get((row, column))?;
-        let known = z > 0.0 && self.sigma[(row, column)].is_finite();
-        known.then(|| self.camera.unproject(Point2::new(column as f64, row as f64), f64::from(z)))
+        let [z, _] = self.within((row, column), f32::INFINITY)?;
+        Some(self.camera.unproject(Point2::new(column as f64, row as f64), f64::from(z)))
     }
 
     /// Depth and sigma of a pixel whose sigma is at most [`LEAST_SURE`] of the depth.
@@ -54,17 +54,15 @@ impl DepthView<'_> {
 
     /// Unit normal of the surface at the `point` of a pixel, towards the camera; 0 where no neighbour is known.
     pub fn normal(&self, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
-        let at = |row: Option<usize>, column: Option<usize>| self.point(row?, column?);
-        let (row, column) = (Some(row), Some(column));
+        let beside = |down: isize, right: isize| {
+            self.point(row.checked_add_signed(down)?, column.checked_add_signed(right)?)
+        };
         let along = |before: Option<Point3<f64>>, after: Option<Point3<f64>>| {
             let steps = [before.map(|p| point - p), after.map(|p| p - point)];
             // The neighbour nearer in depth lies on the same surface.
             steps.into_iter().flatten().min_by(|a, b| a.z.abs().total_cmp(&b.z.abs()))
         };
-        let less = |index: Option<usize>| index?.checked_sub(1);
-        let more = |index: Option<usize>| Some(index? + 1);
-        let right = along(at(row, less(column)), at(row, more(column)));
-        let down = along(at(less(row), column), at(more(row), column));
+        let (right, down) = (along(beside(0, -1), beside(0, 1)), along(beside(-1, 0), beside(1, 0)));
         let (Some(right), Some(down)) = (right, down) else { return Vector3::zeros() };
         let normal = down.cross(&right).try_normalize(0.0).unwrap_or_default();
         if normal.dot(&point.coords) > 0.0 { -normal } else { normal }
@@ -107,8 +105,7 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
     let (mut given, mut taken) = (none(), none());
     let mut points = Vec::new();
     let most = surer_half(views).max(LEAST_SURE);
-    let sized =
-        |view: &DepthView<'_>| view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim();
+    let sized = |view: &DepthView<'_>| [view.depth.dim(), view.sigma.dim()] == [view.camera.dim(); 2];
     for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
         let world = view.pose.inverse();
         let others = nearest(views, index).into_iter().filter(|&other| sized(&views[other]));
@@ -161,9 +158,8 @@ fn surer_half(views: &[DepthView<'_>]) -> f32 {
 
 /// The [`NEAREST`] of the other views.
 fn nearest(views: &[DepthView<'_>], index: usize) -> Vec<usize> {
-    let centre = |view: &DepthView<'_>| view.pose.inverse().translation.vector;
-    let here = centre(&views[index]);
-    let distance = |other: &usize| (centre(&views[*other]) - here).norm();
+    let here = centre(&views[index].pose);
+    let distance = |other: &usize| (centre(&views[*other].pose) - here).norm();
     let mut others: Vec<usize> = (0..views.len()).filter(|&other| other != index).collect();
     others.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     others.truncate(NEAREST);
@@ -177,12 +173,8 @@ pub fn seen(
     relative: f32,
     most: f32,
 ) -> Option<(usize, usize)> {
-    let (camera, there) = (&view.camera, view.pose * position);
-    let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
-    if !(x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64) {
-        return None;
-    }
-    let pixel = (y as usize, x as usize);
+    let there = view.pose * position;
+    let pixel = nearest_pixel(&view.camera, &there)?;
     let [depth, sigma] = view.within(pixel, most)?.map(f64::from);
     ((there.z - depth).abs() <= sigma + f64::from(relative) * there.z).then_some(pixel)
 }

@@ -19,7 +19,8 @@ pub use error::{Error, Result};
 pub use sweep::{consensus, evidence, exposure, patches, planes, scale, sigma, views, withheld};
 pub use {nalgebra, ndarray};
 
-use mde_warp::PinholeCamera;
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::{Point2, Point3, Vector3};
 use std::ops::ControlFlow;
 
 /// Progress callback: the pieces of work that are done, and their number. `Break` ends the work with [`Error::Interrupted`].
@@ -47,6 +48,20 @@ fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) 
     Err(mde_warp::Error::Shape { what, found, expected }.into())
 }
 
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+/// The place of a camera in the world.
+fn centre(pose: &Pose) -> Vector3<f64> {
+    pose.inverse().translation.vector
+}
+
+/// Whether a pixel position lies on the image, which reaches half a pixel beyond the outermost centres.
+fn on_image(camera: &PinholeCamera, pixel: Point2<f64>) -> bool {
+    let inside = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
+    inside(pixel.x, camera.width) && inside(pixel.y, camera.height)
+}
+
+/// The nearest pixel, row and column, of a point in the frame of the camera, where it lies on the image.
+fn nearest_pixel(camera: &PinholeCamera, point: &Point3<f64>) -> Option<(usize, usize)> {
+    let [x, y] = camera.project(point)?.coords.map(f64::round).into();
+    let inside = x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64;
+    inside.then_some((y as usize, x as usize))
+}

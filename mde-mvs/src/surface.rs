@@ -1,8 +1,8 @@
 //! One surface of many depth maps.
 
 use crate::cloud::DepthView;
-use crate::{Result, check_map};
-use fast_surface_nets::ndshape::{RuntimeShape, Shape};
+use crate::{Result, check_map, nearest_pixel};
+use fast_surface_nets::ndshape::RuntimeShape;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use mde_uncertainty::statistics::quantile;
 use nalgebra::{Point2, Point3, Vector3};
@@ -84,7 +84,7 @@ pub fn surface(views: &[DepthView<'_>]) -> Result<Surface> {
     let shape = RuntimeShape::<u32, 3>::new(size);
     let mut nets = SurfaceNetsBuffer::default();
     surface_nets(&distances, &shape, [0; 3], size.map(|side| side - 1), &mut nets);
-    Ok(grid.surface(&voxels, &nets, |cell| shape.linearize(cell) as usize))
+    Ok(grid.surface(&voxels, &nets))
 }
 
 impl Grid {
@@ -131,12 +131,7 @@ impl Grid {
                 for (at, voxel) in layer.iter_mut().enumerate() {
                     let cell = [at % wide, at / wide, z].map(|index| index as f64);
                     let point = view.pose * self.centre(cell);
-                    let Some(pixel) = view.camera.project(&point) else { continue };
-                    let (x, y) = (pixel.x.round(), pixel.y.round());
-                    if x < 0.0 || y < 0.0 {
-                        continue;
-                    }
-                    let at = (y as usize, x as usize);
+                    let Some(at) = nearest_pixel(&view.camera, &point) else { continue };
                     let Some([depth, sigma]) = view.sure(at) else { continue };
                     let distance = depth - point.z as f32;
                     if distance < -cut {
@@ -159,12 +154,8 @@ impl Grid {
     }
 
     /// The triangles of the nets whose corners are known, with the colours of the nearest voxel.
-    fn surface(
-        &self,
-        voxels: &[Voxel],
-        nets: &SurfaceNetsBuffer,
-        index: impl Fn([u32; 3]) -> usize,
-    ) -> Surface {
+    fn surface(&self, voxels: &[Voxel], nets: &SurfaceNetsBuffer) -> Surface {
+        let [wide, tall, _] = self.size;
         let mut surface = Surface::default();
         let mut places = vec![None; nets.positions.len()];
         for triangle in nets.indices.chunks_exact(3) {
@@ -175,7 +166,8 @@ impl Grid {
             let corner = |&corner: &u32| {
                 *places[corner as usize].get_or_insert_with(|| {
                     let at = nets.positions[corner as usize];
-                    let voxel = voxels[index(at.map(|x| x.round() as u32))];
+                    let [x, y, z] = at.map(|x| x.round() as usize);
+                    let voxel = voxels[x + wide * (y + tall * z)];
                     surface.vertices.push(Vertex {
                         position: self.centre(at.map(f64::from)).coords.map(|x| x as f32).into(),
                         normal: [0.0; 3],

@@ -5,11 +5,13 @@ use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3};
 use ndarray::ArrayView3;
 
-use super::error::{no_pose, unsupported};
+use crate::on_image;
+
+use super::error::unsupported;
 use super::tum::{lines, number, numbers};
 use super::{
     Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph,
-    content, quaternion, read_bytes, read_text, translation,
+    content, pose, quaternion, read_bytes, read_text,
 };
 
 const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV";
@@ -68,10 +70,8 @@ pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths
         |(position, error, _)| {
             let point = pose.transform_point(&Point3::from(*position));
             let pixel = lens.photograph_pixel(lens.camera.project(&point)?)?;
-            let inside = |x: f64, side: usize| x >= -0.5 && x <= side as f64 - 0.5;
-            let (height, width) = lens.camera.dim();
-            let usable = point.z.is_finite() && error.is_finite();
-            (usable && inside(pixel.x, width) && inside(pixel.y, height)).then_some((pixel, point.z))
+            let usable = point.z.is_finite() && error.is_finite() && on_image(&lens.camera, pixel);
+            usable.then_some((pixel, point.z))
         },
     );
     let (height, width) = lens.camera.dim();
@@ -123,10 +123,7 @@ impl Raw {
             let problem = format!("camera {} is not among the cameras", image.camera);
             content(path, format!("image {}", image.name), problem)
         })?;
-        let wrong = no_pose(path, &image.name);
-        let rotation = quaternion(image.quaternion).map_err(&wrong)?;
-        let translation = translation(image.translation).map_err(&wrong)?;
-        Ok((lens, Pose::from_parts(translation, rotation)))
+        Ok((lens, pose(path, &image.name, quaternion(image.quaternion), image.translation)?))
     }
 
     pub(super) fn capture(
@@ -310,14 +307,6 @@ impl<'a> Bytes<'a> {
         Ok(values)
     }
 
-    /// Skips `number` entries of `size` bytes.
-    fn skip(&mut self, number: u64, size: u64) -> Result<()> {
-        let bytes = number.checked_mul(size).and_then(|n| usize::try_from(n).ok());
-        let more = || self.fault(&format!("{number} entries do not fit in the file"));
-        self.rest = bytes.and_then(|n| self.rest.get(n..)).ok_or_else(more)?;
-        Ok(())
-    }
-
     /// A count of entries of at least `size` bytes, which must fit in what is left.
     fn count(&mut self, size: usize) -> Result<usize> {
         let place = self.place();
@@ -365,8 +354,8 @@ pub(super) fn binary_images(path: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
         let (quaternion, translation) = (bytes.floats()?, bytes.floats()?);
         let camera = bytes.u32()?;
         let name = bytes.name()?;
-        let points = bytes.u64()?;
-        bytes.skip(points, 24)?;
+        let points = bytes.count(24)?;
+        bytes.rest = &bytes.rest[24 * points..];
         images.push(Image { id, quaternion, translation, camera, name });
     }
     Ok(images)
@@ -378,7 +367,7 @@ pub(super) fn binary_points(path: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
     for _ in 0..bytes.count(51)? {
         bytes.u64()?;
         let position = bytes.floats()?;
-        bytes.skip(3, 1)?;
+        bytes.take::<3>()?;
         let error = bytes.f64()?;
         let length = bytes.count(8)?;
         let mut track = Vec::with_capacity(length);

@@ -43,11 +43,6 @@ pub(super) fn unsupported(path: &Path, model: &str, supported: &str) -> Error {
     fault(path, format_args!("camera model {model} is not supported; {remedy}"))
 }
 
-/// A pose that is no rigid motion.
-pub(super) fn no_pose<'p>(path: &'p Path, photograph: &'p str) -> impl Fn(&'static str) -> Error + 'p {
-    move |problem| fault(path, format_args!("photograph {photograph}: {problem}; its pose cannot be used"))
-}
-
 /// A photograph that a file names and that is not there or can't be read.
 pub(super) fn missing(path: &Path, photograph: &Path) -> Error {
     let shown = photograph.display();

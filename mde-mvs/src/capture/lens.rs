@@ -4,6 +4,7 @@ use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;
 
 use crate::capture::{Error, Result};
+use crate::on_image;
 use crate::raster::bilinear;
 
 /// Brown's distortion as OpenCV writes it; all zero is none.
@@ -73,27 +74,18 @@ impl Lens {
         let (c, d) = (&self.camera, &self.distortion);
         let side = c.width.max(c.height) as f64;
         let [least, most] = FOCAL.map(|share| share * side);
-        for (name, value) in [("fx", c.fx), ("fy", c.fy)] {
-            if !(least..=most).contains(&value) {
-                return Err(format!(
-                    "{name} is {value:?}; a focal length is {least:?} to {most:?} pixels here"
-                ));
-            }
-        }
+        let check = |values: &[(&str, f64)], [low, high]: [f64; 2], expected: String| {
+            let wrong = values.iter().find(|(_, value)| !(low..=high).contains(value));
+            wrong.map_or(Ok(()), |(name, value)| Err(format!("{name} is {value:?}; {expected}")))
+        };
+        let expected = format!("a focal length is {least:?} to {most:?} pixels here");
+        check(&[("fx", c.fx), ("fy", c.fy)], [least, most], expected)?;
         let far = FARTHEST_CENTRE * side;
-        for (name, value) in [("cx", c.cx), ("cy", c.cy)] {
-            if !(-far..=far).contains(&value) {
-                return Err(format!("{name} is {value:?}; a principal point is at most {far:?} pixels away"));
-            }
-        }
-        for (name, value) in [("k1", d.k1), ("k2", d.k2), ("k3", d.k3), ("p1", d.p1), ("p2", d.p2)] {
-            if !(-MOST_DISTORTION..=MOST_DISTORTION).contains(&value) {
-                return Err(format!(
-                    "{name} is {value:?}; a coefficient of distortion is at most {MOST_DISTORTION:?}"
-                ));
-            }
-        }
-        Ok(())
+        let expected = format!("a principal point is at most {far:?} pixels away");
+        check(&[("cx", c.cx), ("cy", c.cy)], [-far, far], expected)?;
+        let coefficients = [("k1", d.k1), ("k2", d.k2), ("k3", d.k3), ("p1", d.p1), ("p2", d.p2)];
+        let expected = format!("a coefficient of distortion is at most {MOST_DISTORTION:?}");
+        check(&coefficients, [-MOST_DISTORTION, MOST_DISTORTION], expected)
     }
 
     /// The fault of a photograph of another width and height than the camera.
@@ -133,7 +125,9 @@ impl Lens {
         }
         let colour = |at: usize| {
             let pixel = Point2::new((at % w) as f64, (at / w) as f64);
-            colour_at(photograph, self.photograph_pixel(pixel)?)
+            let at = self.photograph_pixel(pixel).filter(|at| on_image(&self.camera, *at))?;
+            let [x, y] = [at.x.clamp(0.0, (w - 1) as f64), at.y.clamp(0.0, (h - 1) as f64)];
+            Some(bilinear(photograph, x, y))
         };
         let colours: Vec<Option<[f32; 3]>> = (0..h * w).into_par_iter().map(colour).collect();
         let mask = Array2::from_shape_fn((h, w), |(y, x)| colours[y * w + x].is_some());
@@ -141,14 +135,4 @@ impl Lens {
             Array3::from_shape_fn((h, w, 3), |(y, x, c)| colours[y * w + x].map_or(0.0, |found| found[c]));
         Ok((image, mask))
     }
-}
-
-fn colour_at(image: ArrayView3<'_, f32>, at: Point2<f64>) -> Option<[f32; 3]> {
-    let (h, w, _) = image.dim();
-    // Half a pixel past the outermost centres still lies on the photograph.
-    let inside = |x: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&x);
-    if !(inside(at.x, w) && inside(at.y, h)) {
-        return None;
-    }
-    Some(bilinear(image, at.x.clamp(0.0, (w - 1) as f64), at.y.clamp(0.0, (h - 1) as f64)))
 }

@@ -27,9 +27,10 @@ mod workspace;
 use std::io::{self, ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
+use crate::centre;
 use crate::cloud::DepthView;
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion};
 use ndarray::ArrayView3;
 
 pub use colmap::{ColmapPoint, SparseDepths, colmap_map, colmap_text, read_colmap, read_colmap_depths};
@@ -114,9 +115,8 @@ impl PosedCapture {
             let problem = format!("{} photograph(s) with a pose; at least 2 are needed", self.frames.len());
             return Err(fault(path, problem));
         }
-        let centre = |f: &Frame| f.pose.inverse().translation.vector;
-        let first = centre(&self.frames[0]);
-        let reach = self.frames.iter().map(|f| (centre(f) - first).norm()).fold(0.0, f64::max);
+        let first = centre(&self.frames[0].pose);
+        let reach = self.frames.iter().map(|f| (centre(&f.pose) - first).norm()).fold(0.0, f64::max);
         if reach <= 1e-9 * (1.0 + first.norm()) {
             let problem = "all photographs were taken from one place, so that nothing has parallax; add some from other places";
             return Err(fault(path, problem));
@@ -182,12 +182,17 @@ fn quaternion(q: [f64; 4]) -> std::result::Result<UnitQuaternion<f64>, &'static 
     Ok(UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q[0], q[1], q[2], q[3])))
 }
 
-fn translation(t: [f64; 3]) -> std::result::Result<Translation3<f64>, &'static str> {
-    if t.iter().all(|x| x.abs() <= MAX_POSITION) {
-        Ok(Translation3::from(Vector3::from(t)))
-    } else {
-        Err("its translation is not finite or above 1e12")
-    }
+/// The pose of a photograph, or the fault of a rotation or translation that is none.
+fn pose(
+    path: &Path,
+    photograph: &str,
+    rotation: Result<UnitQuaternion<f64>, &'static str>,
+    translation: [f64; 3],
+) -> Result<Pose> {
+    let near = translation.iter().all(|x| x.abs() <= MAX_POSITION);
+    let translation = near.then(|| translation.into()).ok_or("its translation is not finite or above 1e12");
+    let both = rotation.and_then(|rotation| Ok(Pose::from_parts(translation?, rotation)));
+    both.map_err(|e| fault(path, format!("photograph {photograph}: {e}; its pose cannot be used")))
 }
 
 /// Checks that a photograph is of its camera's size.

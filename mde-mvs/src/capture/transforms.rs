@@ -5,10 +5,10 @@ use mde_warp::{PinholeCamera, Pose};
 use nalgebra::Matrix3;
 use serde_json::{Map, Value, json};
 
-use super::error::{no_pose, unsupported};
+use super::error::unsupported;
 use super::{
-    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content,
-    read_text, rotation, translation,
+    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, pose,
+    read_text, rotation,
 };
 
 /// Models of a `transforms.json` that are read.
@@ -18,10 +18,9 @@ const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL"
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
 
 /// Position of the first pixel's centre: 0, as everywhere in this workspace, or one half.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelCentres {
     /// At integers.
-    #[default]
     Integers,
     /// At halves, as COLMAP has it.
     Halves,
@@ -123,12 +122,8 @@ impl Fields<'_> {
         let fisheye = self.get("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
         let model = self.get("camera_model").map_or(Some("OPENCV"), Value::as_str).unwrap_or("?");
         let k4 = self.number("k4")?.unwrap_or(0.0);
-        if fisheye || k4 != 0.0 || !MODELS.contains(&model) {
-            let model = match (fisheye, k4 != 0.0) {
-                (true, _) => "is_fisheye",
-                (false, true) => "with k4",
-                (false, false) => model,
-            };
+        let faults = [(fisheye, "is_fisheye"), (k4 != 0.0, "with k4"), (!MODELS.contains(&model), model)];
+        if let Some((_, model)) = faults.into_iter().find(|(is_so, _)| *is_so) {
             return Err(unsupported(self.path, model, SUPPORTED));
         }
         let pixels = |key: &str, found: usize| -> Result<usize> {
@@ -139,23 +134,20 @@ impl Fields<'_> {
             Err(self.fault(key, &format!("{x} is no number of pixels from 1 to 65536")))
         };
         let (width, height) = (pixels("w", found[0])?, pixels("h", found[1])?);
-        let by_angle = |key: &str, n: usize| -> Result<Option<f64>> {
-            let Some(angle) = self.number(key)? else { return Ok(None) };
+        let focal = |key: &str, by_angle: &str, n: usize| -> Result<Option<f64>> {
+            if let Some(pixels) = self.number(key)? {
+                return Ok(Some(pixels));
+            }
+            let Some(angle) = self.number(by_angle)? else { return Ok(None) };
             if angle > 0.0 && angle < PI {
                 return Ok(Some(0.5 * n as f64 / (0.5 * angle).tan()));
             }
             let problem = format!("{angle:?} is no field of view; give radians above 0 and below {PI:.4}");
-            Err(self.fault(key, &problem))
+            Err(self.fault(by_angle, &problem))
         };
         let missing = || content(self.path, self.place, "no focal length; give fl_x or camera_angle_x");
-        let fx = match self.number("fl_x")? {
-            Some(f) => f,
-            None => by_angle("camera_angle_x", width)?.ok_or_else(missing)?,
-        };
-        let fy = match self.number("fl_y")? {
-            Some(f) => f,
-            None => by_angle("camera_angle_y", height)?.unwrap_or(fx),
-        };
+        let fx = focal("fl_x", "camera_angle_x", width)?.ok_or_else(missing)?;
+        let fy = focal("fl_y", "camera_angle_y", height)?.unwrap_or(fx);
         let shift = if centres == PixelCentres::Halves { HALF } else { 0.0 };
         let middle = |key: &str, n: usize| -> Result<f64> {
             Ok(self.number(key)?.map_or(0.5 * (n as f64 - 1.0), |c| c - shift))
@@ -182,12 +174,10 @@ impl Fields<'_> {
                 *entry = value.as_f64().filter(|x| x.is_finite()).ok_or_else(bad)?;
             }
         }
-        let wrong = no_pose(self.path, photograph);
         // OpenGL's y and z axes point against OpenCV's.
         let turned = Matrix3::from_fn(|r, c| if c == 0 { m[r][c] } else { -m[r][c] });
-        let rotation = rotation(&turned).map_err(&wrong)?;
-        let translation = translation([m[0][3], m[1][3], m[2][3]]).map_err(&wrong)?;
-        Ok(Pose::from_parts(translation, rotation).inverse())
+        let centre = [m[0][3], m[1][3], m[2][3]];
+        Ok(pose(self.path, photograph, rotation(&turned), centre)?.inverse())
     }
 }
 

@@ -1,12 +1,8 @@
 use std::path::{Path, PathBuf};
 use std::str::SplitWhitespace;
 
-use mde_warp::Pose;
-
-use super::error::no_pose;
 use super::{
-    Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, quaternion, read_text,
-    translation,
+    Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, pose, quaternion, read_text,
 };
 
 /// Seconds between a photograph and its pose, at most, as in the benchmark's own tools.
@@ -106,10 +102,8 @@ pub(super) fn parse(
             continue;
         };
         check_photograph(rgb, &photograph, lens, found)?;
-        let wrong = no_pose(truth, name);
-        let rotation = quaternion([row[7], row[4], row[5], row[6]]).map_err(&wrong)?;
-        let translation = translation([row[1], row[2], row[3]]).map_err(&wrong)?;
-        let pose = Pose::from_parts(translation, rotation).inverse();
+        let rotation = quaternion([row[7], row[4], row[5], row[6]]);
+        let pose = pose(truth, name, rotation, [row[1], row[2], row[3]])?.inverse();
         capture.frames.push(Frame { photograph, lens: *lens, pose });
         if capture.frames.len() > MAX_FRAMES {
             return Err(content(rgb, format!("line {line}"), format!("more than {MAX_FRAMES} photographs")));

@@ -1,6 +1,7 @@
 //! What uncertain poses do to depth.
 
 use super::bundle::twist;
+use crate::on_image;
 use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
 use ndarray::{Array2, ArrayView2};
@@ -64,9 +65,7 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
     }
     let camera = &view.camera;
     let pixel = camera.project(&Point3::from(there))?;
-    // The pixels reach half a pixel beyond their centres.
-    let within = |at: f64, size: usize| at >= -0.5 && at <= size as f64 - 0.5;
-    if !(within(pixel.x, camera.width) && within(pixel.y, camera.height)) {
+    if !on_image(camera, pixel) {
         return None;
     }
     let across = Vector3::new(camera.fx / there.z, 0.0, -camera.fx * there.x / (there.z * there.z));

@@ -41,11 +41,11 @@ pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, MatchPair, Prepared, ScaleMatches, common_scale};
 
-use crate::{Callback, Error, Result, check_map, notify};
+use crate::{Callback, Error, Result, centre, check_map, notify};
 use bundle::Lens;
 use features::Features;
-use mde_warp::{PinholeCamera, Pose};
-use nalgebra::{Point2, Vector2, Vector3};
+use mde_warp::PinholeCamera;
+use nalgebra::{Point2, Vector2};
 use ndarray::{ArrayView2, ArrayView3, CowArray, Ix2};
 use rayon::prelude::*;
 use two_view::Pair;
@@ -141,10 +141,6 @@ impl<'a> FeatureImage<'a> {
         let depth = prior[(nearest(pixel.y, prior.nrows()), nearest(pixel.x, prior.ncols()))];
         (depth > 0.0 && depth.is_finite()).then(|| f64::from(depth).ln())
     }
-}
-
-fn centre(pose: &Pose) -> Vector3<f64> {
-    pose.inverse().translation.vector
 }
 
 /// The reference, then the others in the order given.

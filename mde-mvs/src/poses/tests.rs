@@ -6,6 +6,7 @@ use crate::synthetic::{Plane, pose_at, render};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
+use nalgebra::Vector3;
 use ndarray::{Array2, Array3};
 use rand::RngExt;
 use std::sync::OnceLock;

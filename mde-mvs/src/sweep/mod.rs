@@ -208,8 +208,7 @@ fn estimates(volume: &Volume, from: &PosedView, small: f32) -> Vec<Option<Estima
 
 /// Distance between two optical centres.
 fn baseline(a: &PosedView, b: &PosedView) -> f64 {
-    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
-    (centre(a) - centre(b)).norm()
+    (crate::centre(&a.pose) - crate::centre(&b.pose)).norm()
 }
 
 /// Bytes that [`sweep`] about a depth map takes beside its inputs and its result for a photograph of that many pixels: costs and their sums

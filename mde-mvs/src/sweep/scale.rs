@@ -14,14 +14,14 @@ use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use nalgebra::{Matrix2, Point3, Vector2};
-use ndarray::{Array2, ArrayView2};
+use ndarray::ArrayView2;
 use std::collections::BTreeMap;
 
 use crate::statistics::robust_deviation;
-use crate::{Result, check_map};
+use crate::{Result, check_map, nearest_pixel};
 
 /// Patches along the longer side of an image.
-pub(crate) const PATCHES: usize = 10;
+const PATCHES: usize = 10;
 /// Rounds of reweighting.
 const ROUNDS: usize = 20;
 /// Standard deviation of a prior's contrast in log depth about 1.
@@ -70,8 +70,6 @@ pub struct Gauge {
     pub covariance: [[f64; 2]; 2],
     /// Robust standard deviation of the matches about it, in log depth.
     pub spread: f64,
-    /// Number of matches.
-    pub matches: usize,
 }
 
 /// Sums of a weighted line fit.
@@ -93,21 +91,20 @@ pub fn point_matches(
 ) -> Result<Vec<Match>> {
     view.validate()?;
     check_map("prior", prior.dim(), &view.camera)?;
-    let (h, w) = view.camera.dim();
     let found = points.iter().filter_map(|point| {
         let there = view.pose * point;
-        let pixel = view.camera.project(&there)?;
-        let (x, y) = (pixel.x.round(), pixel.y.round());
-        if !(x >= 0.0 && y >= 0.0 && x < w as f64 && y < h as f64) {
-            return None;
-        }
-        let at = (y as usize, x as usize);
-        let side = (h.max(w) / PATCHES).max(1);
-        let patch = (at.0 / side * 1024 + at.1 / side) as u32;
+        let at = nearest_pixel(&view.camera, &there)?;
+        let patch = patch(prior.dim(), at, 0);
         let known = prior[at] > 0.0 && view.mask[at];
         known.then_some(Match { prior: prior[at], depth: there.z as f32, weight: 1.0, patch })
     });
     Ok(found.collect())
+}
+
+/// The patch of a pixel of a photograph of that height and width.
+pub(super) fn patch((h, w): (usize, usize), (y, x): (usize, usize), photograph: usize) -> u32 {
+    let side = (h.max(w) / PATCHES).max(1);
+    ((photograph * 1024 + y / side) * 1024 + x / side) as u32
 }
 
 /// `(log prior - middle, log depth, weight, patch)`.
@@ -192,7 +189,6 @@ impl Gauge {
             middle,
             covariance: fit.covariance.transpose().into(),
             spread: fit.spread,
-            matches: rows.len(),
         })
     }
 
@@ -204,7 +200,6 @@ impl Gauge {
             middle: 0.0,
             covariance: [[scale.variance, 0.0], [0.0, 0.0]],
             spread: scale.spread,
-            matches: scale.matches,
         }
     }
 
@@ -221,16 +216,13 @@ impl Gauge {
     /// # Errors
     /// [`Error::Depth`](crate::Error::Depth) never, for depths that are positive or missing (0).
     pub fn apply(&self, prior: ArrayView2<'_, f32>) -> Result<GaussianDepth> {
-        let both = prior.mapv(|z| {
-            if !(z > 0.0 && z.is_finite()) {
-                return (0.0, f32::INFINITY);
-            }
+        let missing = prior.mapv(|z| if z > 0.0 && z.is_finite() { 0.0 } else { f32::INFINITY });
+        let gauged = GaussianDepth::new(prior.to_owned(), missing)?.map(|z, _| {
             let (log, variance) = self.log_depth(f64::from(z));
             let mean = log.exp();
             (mean as f32, (mean * mean * (variance + self.spread * self.spread)) as f32)
         });
-        let mean: Array2<f32> = both.mapv(|b| b.0);
-        Ok(GaussianDepth::new(mean, both.mapv(|b| b.1))?)
+        Ok(gauged)
     }
 }
 

@@ -1,12 +1,12 @@
 //! The depth of several photographs and its standard deviation: consensus and field in one.
 
 use super::consensus::ViewDepth;
-use crate::Result;
 use crate::poses::depth_variance;
+use crate::{Result, centre};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use nalgebra::Matrix6;
-use ndarray::{Array2, Zip};
+use ndarray::Array2;
 
 /// Factor of the variances of the consensus and of edges beside a field, which has them in part already.
 const CONSENSUS: f32 = 0.25;
@@ -42,21 +42,21 @@ pub fn combine(
     factor: f64,
 ) -> Result<(GaussianDepth, [Array2<f32>; COMPONENTS.len()])> {
     let factor = factor as f32;
-    let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
+    let mut mean = Array2::zeros(consensus.dim());
+    let mut variance = Array2::from_elem(consensus.dim(), f32::INFINITY);
     let per_depth = disparity(views) as f32;
     let of_poses = depth_variance(views, covariances, consensus.mean());
     let disagreement = 1.0 - inflation.recip();
     let (rendered, within) = field.map_or((None, None), |(depth, within)| (Some(depth), within));
-    let found = |map: &GaussianDepth, (y, x)| map.get(y, x).map(|(z, _)| z).filter(|z| *z > 0.0);
+    let known = |map: &GaussianDepth, (y, x)| map.get(y, x).filter(|(z, _)| *z > 0.0);
     let depth = Array2::from_shape_fn(mean.dim(), |at| {
-        rendered.and_then(|map| found(map, at)).or(found(consensus, at)).unwrap_or(0.0)
+        rendered.and_then(|map| known(map, at)).or(known(consensus, at)).map_or(0.0, |(z, _)| z)
     });
     let range = log_range(&depth);
     let mut parts = COMPONENTS.map(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
     for (at, mean) in mean.indexed_iter_mut() {
-        let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
-        let field = rendered.and_then(relative).filter(|(z, _)| *z > 0.0);
-        let stated = relative(consensus).filter(|(z, _)| *z > 0.0);
+        let relative = |map: &GaussianDepth| known(map, at).map(|(z, v)| (z, v.sqrt() / z));
+        let (field, stated) = (rendered.and_then(relative), relative(consensus));
         let fused = stated.map_or(0.0, |s| s.1 * s.1);
         let edge = (EDGE * range[at]).powi(2);
         let ray = field.map_or(0.0, |f| f.1 * f.1);
@@ -69,10 +69,7 @@ pub fn combine(
                 ((of_field * z.ln() + of_consensus * known.ln()) / (of_field + of_consensus)).exp()
             }
             (Some((z, _)), None) | (None, Some((z, _))) => z,
-            (None, None) => {
-                (*mean, variance[at]) = (0.0, f32::INFINITY);
-                continue;
-            }
+            (None, None) => continue,
         };
         let depth = z / factor;
         let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
@@ -93,15 +90,12 @@ pub fn combine(
         for (part, share) in parts.iter_mut().zip(shares) {
             part[at] = share.sqrt() * depth;
         }
-        *mean = depth;
         let share = ray + fused + (per_depth * z).powi(2) + of_poses[at] + edge;
-        variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
-    }
-    Zip::from(&mut variance).and(&mut mean).for_each(|v, z| {
-        if !(v.is_finite() && z.is_finite()) {
-            (*v, *z) = (f32::INFINITY, 0.0);
+        let total = (share * depth * depth).max(f32::MIN_POSITIVE);
+        if total.is_finite() && depth.is_finite() {
+            (*mean, variance[at]) = (depth, total);
         }
-    });
+    }
     Ok((GaussianDepth::new(mean, variance)?, parts))
 }
 
@@ -124,8 +118,8 @@ fn log_range(depth: &Array2<f32>) -> Array2<f32> {
 /// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.
 fn disparity(views: &[PosedView]) -> f64 {
     let Some((reference, others)) = views.split_first() else { return 0.0 };
-    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
-    let squares: f64 = others.iter().map(|view| (centre(view) - centre(reference)).norm_squared()).sum();
+    let here = centre(&reference.pose);
+    let squares: f64 = others.iter().map(|view| (centre(&view.pose) - here).norm_squared()).sum();
     let baseline = (squares / others.len().max(1) as f64).sqrt();
     if baseline > 0.0 { MATCH / (reference.camera.fx * baseline) } else { 0.0 }
 }
@@ -135,8 +129,7 @@ mod tests {
     use super::*;
     use crate::consensus::reconstruct;
     use crate::silent;
-    use mde_warp::{PinholeCamera, Pose};
-    use ndarray::Array3;
+    use crate::synthetic::{Plane, scene};
 
     /// A step: beside it the whole of it is doubted, away from it nothing.
     #[test]
@@ -157,19 +150,9 @@ mod tests {
     /// Two photographs of a wall. No field states a part of the variance, so sigma has all of it.
     #[test]
     fn without_a_field_sigma_has_the_whole_variance_of_the_consensus() {
-        let camera = PinholeCamera::from_fov(60.0, 64, 48).unwrap();
-        let photograph = |shift: f64| {
-            let grey = |y: usize, x: usize| {
-                let (u, v) = (x as f64 + 0.5 * camera.fx * shift, y as f64);
-                (0.5 + 0.2 * (0.7 * u + 0.2 * v).sin() + 0.2 * (0.31 * u - 0.6 * v).sin()) as f32
-            };
-            let image = Array3::from_shape_fn((48, 64, 3), |(y, x, _)| grey(y, x));
-            let mask = Array2::from_elem((48, 64), true);
-            PosedView::new(image, camera, Pose::translation(-shift, 0.0, 0.0), mask, Vec::new()).unwrap()
-        };
-        let views = [photograph(0.0), photograph(0.2)];
-        let prior = Array2::from_elem((48, 64), 2.0_f32);
-        let found = reconstruct(&views, &[prior.view(), prior.view()], None, &mut silent).unwrap();
+        let (views, priors) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &[[0.0; 3], [0.2, 0.0, 0.0]]);
+        let priors = [priors[0].view(), priors[1].view()];
+        let found = reconstruct(&views, &priors, None, &mut silent).unwrap();
         let (_, parts) = combine(&found.views[0], found.inflation, &views, &[None, None], None, 1.0).unwrap();
         let of_fused = ["ambiguity", "prior", "view-disagreement"];
         let fused = COMPONENTS.iter().zip(&parts).filter(|(name, _)| of_fused.contains(name));

@@ -17,7 +17,7 @@ use chance::TRUSTED;
 pub use sweeps::{Sweeps, sweeps_bytes};
 
 use crate::sweep::Sweep;
-use crate::sweep::scale::{Match, PATCHES, Scale};
+use crate::sweep::scale::{Match, Scale, patch};
 use crate::{Callback, Error, Result};
 
 /// Depth of one photograph from all of them.
@@ -82,17 +82,12 @@ pub fn reconstruct(
 
 /// Pixels of one photograph that are probably right, each in its patch of the image.
 fn matches_of(prior: &Array2<f32>, sweep: &Sweep, chance: &Array2<f32>, photograph: usize) -> Vec<Match> {
-    let (h, w) = prior.dim();
-    let side = (h.max(w) / PATCHES).max(1);
-    prior
-        .indexed_iter()
-        .filter_map(|((y, x), &prior)| {
-            let (depth, _) = sweep.depth.get(y, x)?;
-            let weight = chance[(y, x)];
-            let patch = ((photograph * 1024 + y / side) * 1024 + x / side) as u32;
-            (weight > TRUSTED).then_some(Match { prior, depth, weight, patch })
-        })
-        .collect()
+    let found = prior.indexed_iter().filter_map(|(at, &own)| {
+        let (depth, _) = sweep.depth.get(at.0, at.1)?;
+        let (weight, patch) = (chance[at], patch(prior.dim(), at, photograph));
+        (weight > TRUSTED).then_some(Match { prior: own, depth, weight, patch })
+    });
+    found.collect()
 }
 
 #[cfg(test)]
@@ -101,7 +96,9 @@ mod tests {
     use crate::silent;
     use crate::statistics::robust_deviation;
     use crate::synthetic::room;
+    use mde_uncertainty::random::CounterRng;
     use ndarray::Zip;
+    use rand::RngExt;
 
     fn error(map: ArrayView2<'_, f32>, truth: &Array2<f32>) -> f64 {
         let sum: f64 = map.iter().zip(truth).map(|(z, t)| f64::from((z / t - 1.0).abs())).sum();
@@ -130,11 +127,8 @@ mod tests {
     fn photographs_of_nothing_in_common_leave_the_prior() {
         let (mut views, _, priors) = room(1.0);
         for (i, view) in views.iter_mut().enumerate() {
-            let mut state = i as u32 + 1;
-            view.image.mapv_inplace(|_| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (state >> 8) as f32 / (1 << 24) as f32
-            });
+            let mut random = CounterRng::new(0, "noise", 0, i as u64);
+            view.image.mapv_inplace(|_| random.random());
         }
         let maps: Vec<_> = priors.iter().map(|p| p.view()).collect();
         let found = reconstruct(&views, &maps, None, &mut silent).unwrap();

@@ -149,7 +149,7 @@ impl Sweeps {
         }
         self.used.retain(|view| !members.contains(view));
         self.used.extend(members);
-        let fine = found(&self.fine, members)?;
+        let fine: Vec<&Fine> = members.iter().map(|i| &self.fine[i]).collect();
         let depths: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.sweep.depth).collect();
         let corrected: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.corrected).collect();
         let views: Vec<&PosedView> = members.iter().map(|&i| &views[i]).collect();
@@ -213,7 +213,7 @@ impl Sweeps {
         check_map("prior", prior.dim(), &views[view].camera)?;
         let others = self.sources[view].iter().copied().filter(|&source| source != view);
         let group: Vec<usize> = std::iter::once(view).chain(others).collect();
-        let coarse = found(&self.coarse, &group)?;
+        let coarse: Vec<&Coarse> = group.iter().map(|i| &self.coarse[i]).collect();
         let small: Vec<&PosedView> = group.iter().map(|&i| &self.small[i]).collect();
         let everyone: Vec<usize> = (0..group.len()).collect();
         let judged = |of: fn(&Coarse) -> &Sweep| -> Result<Array2<f32>> {
@@ -246,10 +246,4 @@ impl Sweeps {
             .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
         Ok(Fine { prior, corrected: GaussianDepth::new(centre, variance)?, sweep })
     }
-}
-
-/// Those of the photographs.
-fn found<'s, T>(swept: &'s BTreeMap<usize, T>, photographs: &[usize]) -> Result<Vec<&'s T>> {
-    let of = |&reference: &usize| swept.get(&reference).ok_or(Error::Reference { reference, views: 0 });
-    photographs.iter().map(of).collect()
 }
