@@ -44,13 +44,17 @@ pub(super) fn pairs(poses: &[Pose]) -> Vec<[usize; 2]> {
     if poses.len() <= FEW {
         return all(poses.len());
     }
-    let mut pairs = BTreeSet::new();
-    for photograph in 0..poses.len() {
+    pairs_with(poses.len(), |photograph| {
         let others = nearest(poses, photograph);
-        let near = RANKS.iter().filter_map(|&rank| others.get(rank));
-        pairs.extend(near.map(|&other| pair(photograph, other)));
-    }
-    pairs.into_iter().collect()
+        RANKS.into_iter().filter_map(move |rank| others.get(rank).copied())
+    })
+}
+
+/// Every photograph with the `others` of it, each pair once, in order.
+fn pairs_with<I: Iterator<Item = usize>>(count: usize, others: impl Fn(usize) -> I) -> Vec<[usize; 2]> {
+    let found =
+        (0..count).flat_map(|photograph| others(photograph).map(move |other| pair(photograph, other)));
+    found.collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 /// The pairs to be matched where no pose is known, each once, in order: every photograph with the next two, since most captures are a walk,
@@ -63,15 +67,11 @@ pub(super) fn likely(features: &[&Features]) -> Vec<[usize; 2]> {
     let coarsest: Vec<Features> = features.par_iter().map(|features| features.coarsest(PREVIEW)).collect();
     let matches = |pair @ [i, j]: [usize; 2]| (pair, match_features(&coarsest[i], &coarsest[j]).len());
     let matches: BTreeMap<[usize; 2], usize> = all(count).into_par_iter().map(matches).collect();
-    let mut pairs = BTreeSet::new();
-    for photograph in 0..count {
+    pairs_with(count, |photograph| {
         let mut others: Vec<usize> = (0..count).filter(|&other| other != photograph).collect();
         others.sort_by_key(|&other| (Reverse(matches[&pair(photograph, other)]), photograph.abs_diff(other)));
-        let following = (photograph + 1..count).take(2);
-        let partners = others.into_iter().take(PARTNERS).chain(following);
-        pairs.extend(partners.map(|other| pair(photograph, other)));
-    }
-    pairs.into_iter().collect()
+        others.into_iter().take(PARTNERS).chain((photograph + 1..count).take(2))
+    })
 }
 
 /// Every pair of that many photographs.

@@ -61,17 +61,15 @@ impl Source {
             if kept { (UNIT * value.clamp(0.0, 1.0)).round() as u16 } else { MISSING }
         });
         let at = |y: usize, x: usize| stored[(y.min(h - 1), x.min(w - 1))];
-        let mut quads: Vec<u64> = Vec::with_capacity(h * w + 1);
-        for y in 0..h {
-            quads.extend((0..w).map(|x| {
-                let corners = [at(y, x), at(y, x + 1), at(y + 1, x), at(y + 1, x + 1)];
-                if corners.contains(&MISSING) {
-                    return u64::MAX;
-                }
-                corners.iter().rev().fold(0, |quad, &corner| (quad << 16) | u64::from(corner))
-            }));
-        }
-        quads.push(u64::MAX);
+        let quad = |i: usize| {
+            let (y, x) = (i / w, i % w);
+            let corners = [at(y, x), at(y, x + 1), at(y + 1, x), at(y + 1, x + 1)];
+            if corners.contains(&MISSING) {
+                return u64::MAX;
+            }
+            corners.iter().rev().fold(0, |quad, &corner| (quad << 16) | u64::from(corner))
+        };
+        let quads = (0..h * w).map(quad).chain([u64::MAX]).collect();
         Self { quads, width: w, height: h, transfer: PlaneTransfer::new(reference, view) }
     }
 }
@@ -183,13 +181,8 @@ impl Volume {
                 arch.dispatch(FillBlock { setup, reference, sources, scratch, top: block * BLOCK, slab });
             },
         );
-        let mut seen = Array2::from_elem((h, w), false);
-        if let Some(seen) = seen.as_slice_mut() {
-            costs.par_chunks_mut(surfaces).zip(seen.par_iter_mut()).for_each(|(costs, seen)| {
-                *seen = fill_unseen(costs);
-            });
-        }
-        Self { costs, surfaces, seen }
+        let seen = costs.par_chunks_mut(surfaces).map(fill_unseen).collect();
+        Self { costs, surfaces, seen: Array2::from_shape_vec((h, w), seen).unwrap_or_default() }
     }
 }
 

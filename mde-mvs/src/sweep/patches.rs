@@ -322,14 +322,10 @@ impl<'a> Reference<'a> {
     /// The pixel's inverse depth on the planes of its neighbours, with the likeness of their colours.
     fn neighbours(&self, matches: &[Match], at: usize) -> [[f32; 2]; 8] {
         SMOOTH.map(|offset| {
-            let Some(beside) = self.beside(at, offset) else { return [0.0; 2] };
-            let plane = matches[beside].plane;
-            let like = if plane.w > 0.0 {
-                alike(self.colours[at], self.colours[beside], COLOUR) + 1e-3
-            } else {
-                0.0
-            };
-            [plane.moved(offset.map(|d| -d)).w, like]
+            let known = self.beside(at, offset).filter(|&i| matches[i].plane.w > 0.0);
+            let Some(beside) = known else { return [0.0; 2] };
+            let like = alike(self.colours[at], self.colours[beside], COLOUR) + 1e-3;
+            [matches[beside].plane.moved(offset.map(|d| -d)).w, like]
         })
     }
 

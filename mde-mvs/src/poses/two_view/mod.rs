@@ -101,7 +101,7 @@ pub(super) fn relative_pose(
     let matrix = pair.matrix.map(|f| f.transpose());
     let backward = from_prior(b, a, &swapped, matrix, &ransac(1));
     let backward = backward.map(|(motion, fits)| (motion.reversed(), fits));
-    let best = forward.into_iter().chain(backward).reduce(better);
+    let best = forward.into_iter().chain(backward).min_by(|a, b| a.0.cost.total_cmp(&b.0.cost));
     if let Some((motion, fits)) = best {
         let mut fits = fits.into_iter();
         pair.agreeing.retain(|_| fits.next() == Some(true));
@@ -122,10 +122,6 @@ fn unmoved([a, b]: [&FeatureImage; 2], found: &[[usize; 2]]) -> Option<Vec<[usiz
 
 /// A motion and which pairs fit it.
 type Fitted = (Motion, Vec<bool>);
-
-fn better(best: Fitted, next: Fitted) -> Fitted {
-    if next.0.cost < best.0.cost { next } else { best }
-}
 
 /// Pose of `b` in the frame of `a` and which pairs fit it: `a`'s pixels lifted by its prior, a pose by RANSAC over three
 /// points, and the adjustment of pose and depths. The adjustment also starts from no motion, since three points of a poor prior
@@ -154,7 +150,7 @@ fn from_prior(
     let starts = [Some((start, false)), Some((Pose::identity(), false)), epipolar].into_iter().flatten();
     starts
         .filter_map(|(start, triangulate)| adjusted(a, b, pixels, &depths, start, triangulate))
-        .reduce(better)
+        .min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))
 }
 
 /// The adjustment of pose and depths from that pose, and from the prior's depths or those that the pose gives.
