@@ -1,4 +1,5 @@
 use super::*;
+use mde_uncertainty::normal::quantile;
 use mde_uncertainty::random::CounterRng;
 use mde_warp::proptest::pose;
 use nalgebra::Point3;
@@ -186,12 +187,8 @@ fn the_covariance_is_that_of_repeated_estimates() {
         let mut bundle = truth.clone();
         for (i, track) in bundle.tracks.iter_mut().enumerate() {
             let mut rng = CounterRng::new(run, "bundle-pixel", 0, i as u64);
-            let mut normal = || {
-                let (a, b): (f64, f64) = (rng.random(), rng.random());
-                (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-            };
             for (_, pixel) in &mut track.views {
-                *pixel += Vector2::new(noise * normal(), noise * normal());
+                *pixel += noise * Vector2::from_fn(|_, _| quantile(rng.random()));
             }
         }
         // Exact depths of a strong prior: its spread is no part of what is compared.
