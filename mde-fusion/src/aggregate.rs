@@ -1,7 +1,6 @@
 use crate::gaussian::{least_variance, relative_precision, to_f32};
 use crate::{Error, Gaussian, Result};
 use mde_uncertainty::GaussianDepth;
-use ndarray::Array2;
 
 /// Rule that turns the views' estimates of one pixel into one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -35,7 +34,7 @@ pub enum Aggregation {
 /// let both = aggregate(&[near, far], Aggregation::Precision)?;
 /// let (mean, variance) = both.get(0, 0).ok_or("known by both")?;
 /// assert!((mean - 2.25).abs() < 1e-6 && (variance - 0.075).abs() < 1e-7);
-/// assert!(both.is_missing(0, 1));
+/// assert_eq!(both.get(0, 1), None);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn aggregate(views: &[GaussianDepth], rule: Aggregation) -> Result<GaussianDepth> {
@@ -43,8 +42,7 @@ pub fn aggregate(views: &[GaussianDepth], rule: Aggregation) -> Result<GaussianD
     check_shapes(views, (height, width))?;
     let mut pixels: Vec<_> = views.iter().map(|view| view.mean().into_iter().zip(view.variance())).collect();
     let mut estimates = Vec::with_capacity(views.len());
-    let mut mean = Array2::zeros((height, width));
-    let mut variance = Array2::from_elem((height, width), f32::INFINITY);
+    let (mut mean, mut variance) = GaussianDepth::missing(height, width).into_parts();
     for (mean, variance) in mean.iter_mut().zip(&mut variance) {
         let known = pixels.iter_mut().filter_map(Iterator::next).filter(|(_, v)| v.is_finite());
         estimates.clear();

@@ -109,18 +109,6 @@ impl Real for Dual {
     fn sqrt(self) -> Self {
         self.chain(self.value.sqrt(), 0.5 / self.value.sqrt())
     }
-
-    fn abs(self) -> Self {
-        if self.value < 0.0 { -self } else { self }
-    }
-
-    fn max(self, other: Self) -> Self {
-        if self.value >= other.value { self } else { other }
-    }
-
-    fn min(self, other: Self) -> Self {
-        if self.value <= other.value { self } else { other }
-    }
 }
 
 impl Scalar for Dual {
@@ -130,14 +118,6 @@ impl Scalar for Dual {
 
     fn cos_pi(self) -> Self {
         self.chain(self.value.cos_pi(), -std::f64::consts::PI * self.value.sin_pi())
-    }
-
-    fn to_index(self) -> u32 {
-        self.value as u32
-    }
-
-    fn from_index(index: u32) -> Self {
-        Self::from_f64(f64::from(index))
     }
 }
 

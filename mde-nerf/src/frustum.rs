@@ -144,9 +144,8 @@ impl Frustum {
         let original = views.first().ok_or(Error::NoPixels)?;
         let (near, far, unit) = depth_range(original, sampling)?;
         let rotation = original.pose.rotation.to_rotation_matrix();
-        let m = rotation.matrix();
         let mut frustum = Self {
-            rotation: std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)])),
+            rotation: rotation.matrix().transpose().into(),
             translation: original.pose.translation.vector.into(),
             scale: [1.0; 2],
             offset: [0.0; 2],

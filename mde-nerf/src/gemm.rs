@@ -50,7 +50,6 @@ impl WithSimd for Product<'_> {
         let vectors = self.shape.outputs / S::F32_LANES;
         // 12 to 24 accumulators hide the latency of two multiply-add pipes and stay in registers.
         match (S::F32_LANES, vectors) {
-            (16, 1) => self.panels::<S, 12, 1>(simd),
             (16, v) if v % 4 == 0 => self.panels::<S, 6, 4>(simd),
             (16, v) if v % 2 == 0 => self.panels::<S, 10, 2>(simd),
             (16, _) => self.panels::<S, 12, 1>(simd),

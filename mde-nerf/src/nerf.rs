@@ -51,15 +51,7 @@ impl Nerf {
         Ok(self)
     }
 
-    /// The fitted field as a safetensors file, which [`Nerf::load`] reads.
-    ///
-    /// # Errors
-    /// [`Error::NotFitted`].
-    pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        store::encode(&self.config, self.seed, self.fitted.as_ref().ok_or(Error::NotFitted)?)
-    }
-
-    /// Reads a file with the bytes of [`Nerf::to_bytes`].
+    /// Reads a file with the bytes of [`RadianceField::to_file`].
     ///
     /// # Errors
     /// [`Error::Io`], or [`Error::Format`] for another format, another version or a wrong checksum.
@@ -102,7 +94,8 @@ impl RadianceField for Nerf {
         render(&fitted.network, &fitted.frustum, &self.config, camera, pose, callback)
     }
 
+    /// A safetensors file of the fitted field, which [`Nerf::load`] reads.
     fn to_file(&self) -> Option<Vec<u8>> {
-        self.to_bytes().ok()
+        store::encode(&self.config, self.seed, self.fitted.as_ref()?).ok()
     }
 }

@@ -35,8 +35,7 @@ pub(crate) fn render(
     let budget = config.render_budget();
     let tile = tile_rays(&budget);
     let mut image = Array3::zeros((height, width, 3));
-    let mut mean = Array2::zeros((height, width));
-    let mut variance = Array2::from_elem((height, width), f32::INFINITY);
+    let (mut mean, mut variance) = GaussianDepth::missing(height, width).into_parts();
     let mut opacity = Array2::zeros((height, width));
     let mut in_bin = Array2::zeros((height, width));
     for first in (0..height).step_by(ROWS) {

@@ -26,9 +26,14 @@ pub(crate) trait Scalar: Real {
         self * a + b
     }
     /// Truncation towards zero, for non-negative numbers below 2^31.
-    fn to_index(self) -> u32;
+    fn to_index(self) -> u32 {
+        self.to_f64() as u32
+    }
     /// An index as a scalar.
-    fn from_index(index: u32) -> Self;
+    #[inline(always)]
+    fn from_index(index: u32) -> Self {
+        Self::from_f64(f64::from(index))
+    }
     /// Runs `op`, compiled for the processor's widest vectors for `f32`.
     fn vectorized<R>(op: impl FnOnce() -> R) -> R {
         op()
@@ -102,11 +107,6 @@ impl Scalar for f32 {
     }
 
     #[inline(always)]
-    fn from_index(index: u32) -> f32 {
-        index as f32
-    }
-
-    #[inline(always)]
     fn vectorized<R>(op: impl FnOnce() -> R) -> R {
         Arch::new().dispatch(op)
     }
@@ -119,14 +119,6 @@ impl Scalar for f64 {
 
     fn cos_pi(self) -> f64 {
         (self % 2.0 * std::f64::consts::PI).cos()
-    }
-
-    fn to_index(self) -> u32 {
-        self as u32
-    }
-
-    fn from_index(index: u32) -> f64 {
-        f64::from(index)
     }
 }
 

@@ -114,32 +114,17 @@ fn flush<T: Scalar>(x: T) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mde_uncertainty::proptest::ray;
     use mde_uncertainty::termination;
     use proptest::prelude::*;
 
-    type Ray = (Bins<f64>, Vec<Shade<f64>>);
-
-    fn ray() -> impl Strategy<Value = Ray> {
-        proptest::collection::vec((0.0..6.0_f64, [0.0..1.0_f64, 0.0..1.0, 0.0..1.0], 0.05..0.4_f64), 1..12)
-            .prop_map(|samples| {
-                let mut bins = Bins::default();
-                let mut edge = 1.0;
-                for &(_, _, d) in &samples {
-                    bins.depth.push(edge + 0.5 * d);
-                    bins.extent.push(d);
-                    bins.path.push(1.1 * d);
-                    edge += d;
-                }
-                (bins, samples.iter().map(|&(s, [r, g, b], _)| [s, r, g, b]).collect())
-            })
-    }
-
     proptest! {
         #[test]
-        fn weights_are_those_of_equation_three((bins, shades) in ray()) {
+        fn weights_are_those_of_equation_three((density, depth, extent) in ray()) {
+            let shades: Vec<_> = density.iter().map(|s| [*s, 0.2, 0.5, 0.8]).collect();
+            let bins = Bins { depth, path: extent.iter().map(|d| 1.1 * d).collect(), extent, ..Bins::default() };
             let mut out = Rendered::default();
             out.composite(&bins, &shades, [0.5; 3], InBinVariance::Midpoint);
-            let density: Vec<f64> = shades.iter().map(|s| s[0]).collect();
             let mut weights = vec![0.0; density.len()];
             let escaped = termination::weights(&density, &bins.path, &mut weights);
             prop_assert!((out.behind[density.len() - 1] - escaped).abs() < 1e-12);

@@ -196,9 +196,9 @@ fn a_saved_field_is_the_same_and_a_damaged_one_is_refused() {
     for mut config in [photographs, mlp()] {
         config.train.steps = 10;
         let mut field = Nerf::new(config, 3).unwrap();
-        assert!(matches!(field.to_bytes(), Err(Error::NotFitted)));
+        assert_eq!(field.to_file(), None);
         field.fit(&views, &mut Silent).unwrap();
-        let mut bytes = field.to_bytes().unwrap();
+        let mut bytes = field.to_file().unwrap();
         std::fs::write(&path, &bytes).unwrap();
         let mut again = Nerf::load(&path).unwrap();
         assert_eq!(again.config(), field.config());

@@ -290,7 +290,8 @@ fn shift(row: ArrayView1<'_, f32>, across: isize, out: &mut [f32]) {
 }
 
 /// A row as a slice, copied only where its values do not lie side by side.
-fn line(row: ArrayView1<'_, f32>) -> Cow<'_, [f32]> {
+#[must_use]
+pub fn line(row: ArrayView1<'_, f32>) -> Cow<'_, [f32]> {
     row.to_slice().map_or_else(|| Cow::Owned(row.to_vec()), Cow::Borrowed)
 }
 

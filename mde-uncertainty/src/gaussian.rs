@@ -65,11 +65,6 @@ impl GaussianDepth {
         self.mean.dim()
     }
 
-    /// Whether the pixel `(row, column)` is missing; pixels outside of the map are.
-    pub fn is_missing(&self, row: usize, column: usize) -> bool {
-        self.get(row, column).is_none()
-    }
-
     /// Mean and variance at `(row, column)`; `None` where missing or outside of the map.
     pub fn get(&self, row: usize, column: usize) -> Option<(f32, f32)> {
         let variance = *self.variance.get((row, column))?;
@@ -118,7 +113,7 @@ mod tests {
     #[test]
     fn a_missing_pixel_has_the_mean_zero() {
         let map = GaussianDepth::new(array![[f32::NAN, 2.0]], array![[f32::INFINITY, 0.25]]).unwrap();
-        assert!(map.is_missing(0, 0) && map.is_missing(7, 7));
+        assert_eq!([map.get(0, 0), map.get(7, 7)], [None; 2]);
         assert_eq!(map.mean()[(0, 0)], 0.0);
         assert_eq!(map.get(0, 1), Some((2.0, 0.25)));
         assert_eq!(map.sigma()[(0, 1)], 0.5);

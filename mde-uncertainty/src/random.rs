@@ -4,6 +4,7 @@
 //! same bits with any number of threads.
 
 use rand::TryRng;
+use rand::rand_core::utils::fill_bytes_via_next_word;
 use std::convert::Infallible;
 
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -76,10 +77,7 @@ impl TryRng for CounterRng {
     }
 
     fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
-        for chunk in bytes.chunks_mut(8) {
-            chunk.copy_from_slice(&self.bits().to_le_bytes()[..chunk.len()]);
-        }
-        Ok(())
+        fill_bytes_via_next_word(bytes, || self.try_next_u64())
     }
 }
 

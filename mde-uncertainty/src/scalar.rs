@@ -37,11 +37,27 @@ pub trait Real:
     /// Square root.
     fn sqrt(self) -> Self;
     /// Absolute value.
-    fn abs(self) -> Self;
+    fn abs(self) -> Self {
+        if self < Self::ZERO { -self } else { self }
+    }
     /// The larger of two.
-    fn max(self, other: Self) -> Self;
+    fn max(self, other: Self) -> Self {
+        if self >= other { self } else { other }
+    }
     /// The smaller of two.
-    fn min(self, other: Self) -> Self;
+    fn min(self, other: Self) -> Self {
+        if self <= other { self } else { other }
+    }
+}
+
+/// Functions that the type has itself.
+macro_rules! inherent {
+    ($($name:ident($($other:ident)?)),*) => {$(
+        #[inline(always)]
+        fn $name(self $(, $other: Self)?) -> Self {
+            Self::$name(self $(, $other)?)
+        }
+    )*};
 }
 
 macro_rules! real {
@@ -57,30 +73,7 @@ macro_rules! real {
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
-            #[inline(always)]
-            fn exp(self) -> Self {
-                <$type>::exp(self)
-            }
-            #[inline(always)]
-            fn exp_m1(self) -> Self {
-                <$type>::exp_m1(self)
-            }
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                <$type>::sqrt(self)
-            }
-            #[inline(always)]
-            fn abs(self) -> Self {
-                <$type>::abs(self)
-            }
-            #[inline(always)]
-            fn max(self, other: Self) -> Self {
-                <$type>::max(self, other)
-            }
-            #[inline(always)]
-            fn min(self, other: Self) -> Self {
-                <$type>::min(self, other)
-            }
+            inherent!(exp(), exp_m1(), sqrt(), abs(), max(other), min(other));
         }
     };
 }

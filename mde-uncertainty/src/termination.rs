@@ -100,19 +100,8 @@ fn bins<'a, T: Real>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::proptest::ray;
     use ::proptest::prelude::*;
-
-    fn ray() -> impl Strategy<Value = (Vec<f64>, Vec<f64>, Vec<f64>)> {
-        ::proptest::collection::vec((0.0..30.0_f64, 0.01..0.5_f64), 1..40).prop_map(|bins| {
-            let mut edge = 0.5;
-            let mut depth = Vec::new();
-            for &(_, d) in &bins {
-                depth.push(edge + 0.5 * d);
-                edge += d;
-            }
-            (bins.iter().map(|b| b.0).collect(), depth, bins.iter().map(|b| b.1).collect())
-        })
-    }
 
     proptest! {
         /// Weights and transmittance add up to one; the moments are those of the printed equations, the mean lies on the ray, and the

@@ -50,10 +50,8 @@ impl PinholeCamera {
     /// # Errors
     /// [`Error::Camera`] for a field of view outside (0, 180) degrees or an empty image.
     pub fn from_fov(horizontal_fov_degrees: f64, width: usize, height: usize) -> Result<Self> {
-        if !(horizontal_fov_degrees > 0.0 && horizontal_fov_degrees < 180.0) {
-            let need = "more than 0 and less than 180 degrees";
-            return Err(Error::Camera { field: "field of view", value: horizontal_fov_degrees, need });
-        }
+        let sound = horizontal_fov_degrees > 0.0 && horizontal_fov_degrees < 180.0;
+        check(sound, "field of view", horizontal_fov_degrees, "more than 0 and less than 180 degrees")?;
         Self::centred(0.5 * width as f64 / (0.5 * horizontal_fov_degrees.to_radians()).tan(), width, height)
     }
 
@@ -63,10 +61,8 @@ impl PinholeCamera {
     /// # Errors
     /// [`Error::Camera`] for a focal length that is not positive or an empty image.
     pub fn from_focal_35mm(mm: f64, width: usize, height: usize) -> Result<Self> {
-        if !(mm > 0.0 && mm.is_finite()) {
-            let need = "positive and finite (mm; 0 in EXIF means unknown)";
-            return Err(Error::Camera { field: "35 mm focal length", value: mm, need });
-        }
+        let need = "positive and finite (mm; 0 in EXIF means unknown)";
+        check(mm > 0.0 && mm.is_finite(), "35 mm focal length", mm, need)?;
         Self::centred(mm * (width as f64).hypot(height as f64) / FILM_DIAGONAL, width, height)
     }
 
@@ -85,30 +81,20 @@ impl PinholeCamera {
     /// [`Error::Camera`] with the first field at fault.
     pub fn validate(&self) -> Result<()> {
         for (field, value) in [("fx", self.fx), ("fy", self.fy)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(Error::Camera { field, value, need: "finite and > 0 (pixels)" });
-            }
+            check(value.is_finite() && value > 0.0, field, value, "finite and > 0 (pixels)")?;
         }
         for (field, value) in [("cx", self.cx), ("cy", self.cy)] {
-            if !value.is_finite() {
-                return Err(Error::Camera { field, value, need: "finite (pixels)" });
-            }
+            check(value.is_finite(), field, value, "finite (pixels)")?;
         }
         self.check_size()
     }
 
     fn check_size(&self) -> Result<()> {
         for (field, size) in [("width", self.width), ("height", self.height)] {
-            if size == 0 {
-                return Err(Error::Camera { field, value: 0.0, need: "at least 1 pixel" });
-            }
+            check(size > 0, field, 0.0, "at least 1 pixel")?;
         }
-        let value = self.width as f64 * self.height as f64;
-        if value > MAX_PIXELS {
-            let need = "at most 2^28; resize the image";
-            return Err(Error::Camera { field: "number of pixels", value, need });
-        }
-        Ok(())
+        let pixels = self.width as f64 * self.height as f64;
+        check(pixels <= MAX_PIXELS, "number of pixels", pixels, "at most 2^28; resize the image")
     }
 
     /// `(height, width)`, the shape of this camera's maps.
@@ -162,6 +148,11 @@ impl PinholeCamera {
         let inside = |x: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&x);
         inside(pixel.x, self.width) && inside(pixel.y, self.height)
     }
+}
+
+/// [`Error::Camera`] for a value that is not sound.
+fn check(sound: bool, field: &'static str, value: f64, need: &'static str) -> Result<()> {
+    if sound { Ok(()) } else { Err(Error::Camera { field, value, need }) }
 }
 
 #[cfg(test)]

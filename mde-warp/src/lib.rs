@@ -2,9 +2,7 @@
 //!
 //! [`sample_poses`] places synthetic cameras about the original one, [`forward_warp`] renders colour and depth into them
 //! with a z-buffer (Section III.A of the paper), and [`reproject`] carries a Gaussian depth map with its variance between
-//! cameras (Section III.D). A pixel of ray \\( d \\) (z = 1) and depth \\( z \\) goes to
-//!
-//! \\[ X' = z R d + t, \qquad z' = (e_z^\top R d)\, z + t_z, \qquad \sigma_{z'}^2 = (e_z^\top R d)^2 \sigma_z^2 . \\]
+//! cameras (Section III.D).
 
 mod camera;
 mod error;

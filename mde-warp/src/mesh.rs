@@ -5,8 +5,9 @@
 //! its surface's own slope, so that two surfaces meet half-way between their pixels, and a structure one pixel thin is one
 //! pixel wide.
 
-use crate::raster::{Corner, Sample, snap, triangle};
+use crate::raster::{Corner, snap, triangle};
 use crate::transfer::{Projected, Transfer};
+use crate::zbuffer::Hit;
 use mde_uncertainty::GaussianDepth;
 
 /// Offsets (column, row) of a cell's corners. `k ^ 1` is the neighbour of corner `k` in the row, `k ^ 2` in the column.
@@ -97,7 +98,7 @@ impl Mesh {
     }
 
     /// Every sample of the surface at a target pixel centre. A pixel may get several, of one surface or of many.
-    pub(crate) fn rasterise(&self, mut emit: impl FnMut(Sample, Patch)) {
+    pub(crate) fn rasterise(&self, mut emit: impl FnMut((usize, usize), Hit)) {
         let rows = self.disparity.len() / self.stride;
         for row in 0..rows - 1 {
             for column in 0..self.stride - 1 {
@@ -117,9 +118,9 @@ impl Mesh {
     }
 
     #[inline]
-    fn cell(&self, row: usize, column: usize, emit: &mut impl FnMut(Sample, Patch)) {
+    fn cell(&self, row: usize, column: usize, emit: &mut impl FnMut((usize, usize), Hit)) {
         let d: [f64; 4] = std::array::from_fn(|k| self.disparity[self.corner_index(row, column, k)]);
-        if self.one_surface(&d) {
+        if self.spread(&d).is_some() {
             let split = if (d[1] - d[2]).abs() <= (d[0] - d[3]).abs() { [3, 0] } else { [2, 1] };
             return self.triangles(row, column, &split, Part::Whole, emit);
         }
@@ -128,11 +129,11 @@ impl Mesh {
         }
     }
 
-    /// Whether all are there, and none is further than the tear threshold from another.
-    fn one_surface(&self, disparities: &[f64]) -> bool {
+    /// The difference of the largest and the least, where all are there and it is within the tear threshold: they lie on one surface.
+    fn spread(&self, disparities: &[f64]) -> Option<f64> {
         let (low, high) =
             disparities.iter().fold((f64::INFINITY, 0.0_f64), |(l, h), &d| (l.min(d), h.max(d)));
-        low > 0.0 && high - low <= self.tear * high
+        (low > 0.0 && high - low <= self.tear * high).then_some(high - low)
     }
 
     fn triangles(
@@ -141,24 +142,18 @@ impl Mesh {
         column: usize,
         without: &[usize],
         part: Part,
-        emit: &mut impl FnMut(Sample, Patch),
+        emit: &mut impl FnMut((usize, usize), Hit),
     ) {
         let patch = Patch { row: row as u32, column: column as u32, part };
         for &k in without {
             let corners = WITHOUT[k].map(|k| self.corner(row, column, k));
-            triangle(&corners, self.transfer.target.dim(), |sample| emit(sample, patch));
+            triangle(&corners, self.transfer.target.dim(), patch, &mut *emit);
         }
     }
 
     #[cold]
-    fn torn(&self, row: usize, column: usize, d: &[f64; 4], emit: &mut impl FnMut(Sample, Patch)) {
-        let range = |k: usize| {
-            let corners = WITHOUT[k].map(|k| d[k]);
-            let spread = corners.iter().fold(0.0_f64, |h, &x| h.max(x))
-                - corners.iter().fold(f64::MAX, |l, &x| l.min(x));
-            self.one_surface(&corners).then_some(spread)
-        };
-        let ranges: [Option<f64>; 4] = std::array::from_fn(range);
+    fn torn(&self, row: usize, column: usize, d: &[f64; 4], emit: &mut impl FnMut((usize, usize), Hit)) {
+        let ranges: [Option<f64>; 4] = std::array::from_fn(|k| self.spread(&WITHOUT[k].map(|k| d[k])));
         for split in [[3, 0], [2, 1]] {
             if split.iter().all(|&k| ranges[k].is_some()) {
                 return self.triangles(row, column, &split, Part::Whole, emit);
@@ -180,7 +175,7 @@ impl Mesh {
     fn slope(&self, index: usize) -> (f64, f64) {
         let along = |step: usize| {
             let here = self.disparity[index];
-            let neighbour = |i: usize| Some(self.disparity[i]).filter(|&d| self.one_surface(&[here, d]));
+            let neighbour = |i: usize| Some(self.disparity[i]).filter(|&d| self.spread(&[here, d]).is_some());
             match (neighbour(index - step), neighbour(index + step)) {
                 (Some(before), Some(after)) => 0.5 * (after - before),
                 (Some(before), None) => here - before,
@@ -203,7 +198,7 @@ struct Quarters<'a> {
 impl Quarters<'_> {
     /// The quarter of corner `k` as two triangles, either of which may be left out: the one towards the row's neighbour and
     /// the one towards the column's.
-    fn draw(&self, k: usize, [row_side, column_side]: [bool; 2], emit: &mut impl FnMut(Sample, Patch)) {
+    fn draw(&self, k: usize, [row_side, column_side]: [bool; 2], emit: &mut impl FnMut((usize, usize), Hit)) {
         if self.d[k] <= 0.0 {
             return;
         }
@@ -216,7 +211,7 @@ impl Quarters<'_> {
         let mut draw = |a: Corner, b: Corner| {
             // The cell is mirrored for corners 1 and 2.
             let corners = if k == 1 || k == 2 { [pixel, b, a] } else { [pixel, a, b] };
-            triangle(&corners, self.mesh.transfer.target.dim(), |sample| emit(sample, patch));
+            triangle(&corners, self.mesh.transfer.target.dim(), patch, &mut *emit);
         };
         let members = |other: usize| surface & (1 << k | 1 << other);
         if row_side {
@@ -229,7 +224,7 @@ impl Quarters<'_> {
 
     /// The corners, as bits, that hang together with corner `k`.
     fn surface(&self, k: usize) -> u8 {
-        let joined = |a: usize, b: usize| self.mesh.one_surface(&[self.d[a], self.d[b]]);
+        let joined = |a: usize, b: usize| self.mesh.spread(&[self.d[a], self.d[b]]).is_some();
         let mut bits = 1 << k;
         for _ in 0..3 {
             for next in 0..4 {

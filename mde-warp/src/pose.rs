@@ -6,8 +6,7 @@ pub type Pose = Isometry3<f64>;
 
 /// A pose's matrix, row by row.
 pub fn matrix_rows(pose: &Pose) -> [[f64; 4]; 4] {
-    let matrix = pose.to_homogeneous();
-    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+    pose.to_homogeneous().transpose().into()
 }
 
 pub(crate) fn check_pose(which: &'static str, pose: &Pose) -> Result<()> {

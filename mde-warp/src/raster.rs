@@ -1,6 +1,8 @@
 //! Triangles onto pixel centres, with perspective-correct interpolation.
 
+use crate::mesh::Patch;
 use crate::transfer::Projected;
+use crate::zbuffer::Hit;
 
 /// A barycentric weight below this is zero. A pixel centre that a vertex hits but for rounding then gets exactly that
 /// vertex, and two triangles that share an edge leave no gap between them.
@@ -14,20 +16,7 @@ pub(crate) struct Corner {
     pub(crate) v: f64,
 }
 
-/// A triangle at one target pixel.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
-    pub(crate) row: usize,
-    pub(crate) column: usize,
-    /// 1 / z in the target.
-    pub(crate) inverse_depth: f64,
-    /// Source column.
-    pub(crate) u: f64,
-    /// Source row.
-    pub(crate) v: f64,
-}
-
-/// Emits the triangle at every pixel centre that it covers, edges included. A triangle with its back to the camera, or
+/// Emits the triangle, a part of `patch`, at every pixel centre `(row, column)` that it covers, edges included. A triangle with its back to the camera, or
 /// with a corner behind the camera, covers nothing.
 ///
 /// Inverse depth is affine in target pixels. The source pixel is affine in source pixels: with \\( \lambda_i \\) the
@@ -36,7 +25,8 @@ pub(crate) struct Sample {
 pub(crate) fn triangle(
     [a, b, c]: &[Corner; 3],
     (height, width): (usize, usize),
-    mut emit: impl FnMut(Sample),
+    patch: Patch,
+    mut emit: impl FnMut((usize, usize), Hit),
 ) {
     let [pa, pb, pc] = [&a.projected, &b.projected, &c.projected];
     if pa.ratio <= 0.0 || pb.ratio <= 0.0 || pc.ratio <= 0.0 {
@@ -69,7 +59,7 @@ pub(crate) fn triangle(
             let total = (ma + mb + mc).recip();
             let u = (ma * a.u + mb * b.u + mc * c.u) * total;
             let v = (ma * a.v + mb * b.v + mc * c.v) * total;
-            emit(Sample { row, column, inverse_depth, u, v });
+            emit((row, column), Hit { inverse_depth, u, v, patch });
         }
     }
 }
@@ -104,7 +94,7 @@ mod tests {
 
     fn covered(corners: [Corner; 3]) -> Vec<(usize, usize)> {
         let mut pixels = Vec::new();
-        triangle(&corners, (5, 5), |s| pixels.push((s.row, s.column)));
+        triangle(&corners, (5, 5), Patch::default(), |pixel, _| pixels.push(pixel));
         pixels
     }
 

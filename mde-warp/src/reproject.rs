@@ -94,12 +94,11 @@ pub fn reproject(
 fn combine(mesh: &Mesh, depth: &GaussianDepth, config: &ReprojectConfig) -> Array2<Mixture> {
     let transfer = mesh.transfer();
     let mut mixtures = front(mesh).mapv(|hit| Mixture::behind(&hit, depth, transfer, config));
-    mesh.rasterise(|sample, patch| {
-        if let Some(mixture) = mixtures.get_mut((sample.row, sample.column))
-            && sample.inverse_depth >= mixture.last
-            && (patch.is_joined() || !mixture.joined)
+    mesh.rasterise(|pixel, hit| {
+        if let Some(mixture) = mixtures.get_mut(pixel)
+            && hit.inverse_depth >= mixture.last
+            && (hit.patch.is_joined() || !mixture.joined)
         {
-            let hit = Hit { inverse_depth: sample.inverse_depth, u: sample.u, v: sample.v, patch };
             let variance = hit.source_variance(depth);
             let gain = transfer.gain(hit.u, hit.v);
             mixture.add(hit.depth(), gain * gain * variance);

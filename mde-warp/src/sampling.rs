@@ -88,18 +88,13 @@ pub fn sample_poses(sampling: &ViewSampling, median_depth: f64, seed: u64) -> Re
         let angle = phase + GOLDEN_ANGLE * k as f64;
         Vector3::new(radius * angle.cos(), radius * angle.sin(), 0.0) * median_depth
     };
-    Ok((0..sampling.count)
-        .map(|k| {
-            let rotation = small_rotation(sampling.rotation_degrees, seed, k as u64);
-            let centre = if k < moving { centre(k) } else { Vector3::zeros() };
-            Pose::from_parts(Translation3::from(-(rotation * centre)), rotation)
-        })
-        .collect())
-}
-
-fn small_rotation(degrees: f64, seed: u64, index: u64) -> UnitQuaternion<f64> {
-    let mut rng = CounterRng::new(seed, "view-rotation", 0, index);
-    let axis: [f64; 3] = UnitSphere.sample(&mut rng);
-    let angle = degrees.to_radians() * rng.random::<f64>();
-    UnitQuaternion::from_axis_angle(&Unit::new_normalize(Vector3::from(axis)), angle)
+    let pose = |k: usize| {
+        let mut rng = CounterRng::new(seed, "view-rotation", 0, k as u64);
+        let axis: [f64; 3] = UnitSphere.sample(&mut rng);
+        let angle = sampling.rotation_degrees.to_radians() * rng.random::<f64>();
+        let rotation = UnitQuaternion::from_axis_angle(&Unit::new_normalize(Vector3::from(axis)), angle);
+        let centre = if k < moving { centre(k) } else { Vector3::zeros() };
+        Pose::from_parts(Translation3::from(-(rotation * centre)), rotation)
+    };
+    Ok((0..sampling.count).map(pose).collect())
 }

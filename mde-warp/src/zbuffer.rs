@@ -43,9 +43,8 @@ impl Hit {
 /// The nearest sample of the surface at every target pixel, `[height, width]`.
 pub(crate) fn front(mesh: &Mesh) -> Array2<Hit> {
     let mut hits = Array2::from_elem(mesh.transfer().target.dim(), Hit::default());
-    mesh.rasterise(|sample, patch| {
-        let new = Hit { inverse_depth: sample.inverse_depth, u: sample.u, v: sample.v, patch };
-        if let Some(hit) = hits.get_mut((sample.row, sample.column))
+    mesh.rasterise(|pixel, new| {
+        if let Some(hit) = hits.get_mut(pixel)
             && new.hides(hit)
         {
             *hit = new;

@@ -3,7 +3,9 @@ use crate::{
     Aggregation, Calibration, Fusion, FusionConfig, Gaussian, GaussianDepth, Prior, PriorVariance, Sample,
     VarianceRule,
 };
+use mde_uncertainty::normal::quantile;
 use mde_uncertainty::proptest::gaussian_depth_of;
+use mde_uncertainty::random::CounterRng;
 use ndarray::Array2;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -29,29 +31,16 @@ pub(crate) fn difference(a: &GaussianDepth, b: &GaussianDepth) -> f64 {
     worst(&f64s(a.mean()), &f64s(b.mean())).max(worst(&f64s(a.variance()), &f64s(b.variance())))
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014), and standard normals from it by Box and Muller.
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub(crate) fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
+/// A standard normal number.
+pub(crate) fn normal(rng: &mut CounterRng) -> f64 {
+    quantile(rng.random())
 }
 
 /// A prior and up to `max_views` views of it, at most `max_side` pixels per side: depths in 0.5 to 10, variances in
 /// 1e-6 to 1, some pixels missing in each.
 pub(crate) fn scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (Prior, Vec<GaussianDepth>)> {
     (1..=max_side, 1..=max_side).prop_flat_map(move |(height, width)| {
-        let prior = gaussian_depth_of(height, width).prop_map(|map| prior(map.into_parts().0));
+        let prior = gaussian_depth_of(height, width).prop_map(|map| Prior::new(map.into_parts().0).unwrap());
         (prior, vec(gaussian_depth_of(height, width), 0..=max_views))
     })
 }
@@ -89,7 +78,7 @@ pub(crate) fn wild_scene(
             let depth = map(planes, 1.0);
             match Prior::with_variance(depth.clone()) {
                 Ok(prior) if with_variance => prior,
-                _ => prior(depth.into_parts().0),
+                _ => Prior::new(depth.into_parts().0).unwrap(),
             }
         });
         (prior, views)
@@ -113,6 +102,11 @@ pub(crate) fn gaussian() -> impl Strategy<Value = Gaussian> {
         .prop_map(|(mean, log_variance)| Gaussian::new(mean, 10_f64.powf(log_variance)))
 }
 
+/// A configuration without clamps, so that the equations stand alone.
+pub(crate) fn unclamped() -> FusionConfig {
+    FusionConfig { variance_floor: 0.0, ..FusionConfig::paper() }
+}
+
 /// Any combination of the choices in a [`FusionConfig`].
 pub(crate) fn config() -> impl Strategy<Value = FusionConfig> {
     use prop::sample::select;
@@ -134,9 +128,4 @@ pub(crate) fn config() -> impl Strategy<Value = FusionConfig> {
         fusion,
         common_error: floor,
     })
-}
-
-fn prior(mean: Array2<f32>) -> Prior {
-    let (height, width) = mean.dim();
-    Prior::new(mean).unwrap_or_else(|_| Prior::missing(height, width))
 }

@@ -1,10 +1,11 @@
 //! Theorems of the whole fusion, and each choice of the configuration.
-use super::common::{Random, config, difference, map, scene, wild_scene};
+use super::common::{config, difference, map, normal, scene, unclamped, wild_scene};
 use crate::{
     Aggregation, BayesFuser, Calibration, Degenerate, Error, Fused, Fuser, Fusion, FusionConfig,
     GaussianDepth, Prior, PriorVariance, VarianceRule, Warning,
 };
 use approx::assert_relative_eq;
+use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, array};
 use proptest::prelude::*;
@@ -16,28 +17,22 @@ fn fuse(config: FusionConfig, prior: &Prior, views: &[GaussianDepth]) -> Fused {
 /// A seeded slope with a step, a noisy prior of it, and views of it at another scale and shift. Seven of sixteen columns in
 /// the first row have no view, the last pixel no prior.
 fn room() -> (Prior, Vec<GaussianDepth>) {
-    let mut random = Random(1);
+    let mut rng = CounterRng::new(1, "fusion-test", 0, 0);
     let truth = |r: usize, c: usize| 2.0 + 0.05 * r as f64 + 0.04 * c as f64 + if c > 8 { 1.0 } else { 0.0 };
-    let mut prior = Array2::from_shape_fn((12, 16), |(r, c)| (truth(r, c) + 0.2 * random.normal()) as f32);
+    let mut prior = Array2::from_shape_fn((12, 16), |(r, c)| (truth(r, c) + 0.2 * normal(&mut rng)) as f32);
     prior[(11, 15)] = 0.0;
-    let view = |random: &mut Random| {
-        let mut mean = Array2::zeros((12, 16));
-        let mut variance = Array2::from_elem((12, 16), f32::INFINITY);
+    let view = |rng: &mut CounterRng| {
+        let (mut mean, mut variance) = GaussianDepth::missing(12, 16).into_parts();
         for ((r, c), m) in mean.indexed_iter_mut() {
             if r > 0 || c > 6 {
-                let sigma = 0.02 + 0.08 * random.uniform();
-                *m = ((truth(r, c) + sigma * random.normal() - 0.2) / 1.2) as f32;
+                let sigma = rng.random_range(0.02..0.1);
+                *m = ((truth(r, c) + sigma * normal(rng) - 0.2) / 1.2) as f32;
                 variance[(r, c)] = (sigma / 1.2).powi(2) as f32;
             }
         }
         GaussianDepth::new(mean, variance).unwrap()
     };
-    (Prior::new(prior).unwrap(), (0..3).map(|_| view(&mut random)).collect())
-}
-
-/// A configuration without clamps, so that the equations stand alone.
-fn unclamped() -> FusionConfig {
-    FusionConfig { variance_floor: 0.0, ..FusionConfig::paper() }
+    (Prior::new(prior).unwrap(), (0..3).map(|_| view(&mut rng)).collect())
 }
 
 proptest! {
@@ -147,7 +142,7 @@ fn views_beat_a_noisy_prior() {
     let [q5, q25, q50, q75, q95] = r.variance_quantiles;
     assert!(0.0 < q5 && q5 < q25 && q25 < q50 && q50 < q75 && q75 < q95);
     // Missing in the prior, but not in the views.
-    assert!(fused.depth.is_missing(11, 15) && !fused.aligned.is_missing(11, 15));
+    assert!(fused.depth.get(11, 15).is_none() && fused.aligned.get(11, 15).is_some());
 }
 
 #[test]
@@ -178,15 +173,12 @@ fn each_ablation_changes_the_result() {
             assert_eq!(ablated.depth.mean()[(0, 0)], prior.mean()[(0, 0)]);
         }
         if row.prior_variance == PriorVariance::FixedMedian {
-            assert_relative_eq!(median_weight(&ablated), 0.5, epsilon = 0.05);
+            // The views' weight by the variances: w = posterior / (a^2 v).
+            let weights = ablated.depth.variance().to_owned() / ablated.aligned.variance();
+            let weight = median(weights.into_iter().filter(|w| w.is_finite() && *w > 0.0)).unwrap();
+            assert_relative_eq!(weight, 0.5, epsilon = 0.05);
         }
     }
-}
-
-/// The weight at the median pixel, from the variances: w = posterior / (a^2 v).
-fn median_weight(fused: &Fused) -> f64 {
-    let pairs = fused.depth.variance().to_owned() / fused.aligned.variance();
-    median(pairs.iter().copied().filter(|w| w.is_finite() && *w > 0.0)).unwrap()
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Theorems of Eq. 15-17.
-use super::common::{Random, gaussian};
+use super::common::{gaussian, normal};
 use crate::posterior::nerf_weight;
 use crate::{Gaussian, Residual, empirical_bayes, posterior, precision_weighted};
 use approx::assert_relative_eq;
+use mde_uncertainty::random::CounterRng;
 use proptest::prelude::*;
 
 proptest! {
@@ -50,14 +51,14 @@ fn a_missing_side_has_no_weight() {
 /// so the truth is far enough from 0 that it never acts.
 #[test]
 fn unbiased_on_gaussian_samples() {
-    let mut random = Random(17);
+    let mut rng = CounterRng::new(17, "fusion-test", 0, 0);
     let truth: f64 = 0.2;
     let (samples, pixels) = (600, 400);
     let estimates: Vec<f64> = (0..samples)
         .map(|_| {
             let residual = |_| {
-                let variance = 10_f64.powf(-3.0 + 2.5 * random.uniform());
-                Residual { delta: (truth + variance).sqrt() * random.normal(), variance }
+                let variance = 10_f64.powf(rng.random_range(-3.0..-0.5));
+                Residual { delta: (truth + variance).sqrt() * normal(&mut rng), variance }
             };
             let residuals: Vec<_> = (0..pixels).map(residual).collect();
             empirical_bayes(&residuals)

@@ -1,7 +1,8 @@
 //! Against NumPy: the values of `reference/fusion.csv`, made by `reference/fusion.py`.
+use super::common::unclamped;
 use crate::{
-    Affine, Aggregation, BayesFuser, Fuser, FusionConfig, GaussianDepth, Prior, Residual, Sample, affine_wls,
-    aggregate, empirical_bayes, residuals,
+    Affine, Aggregation, BayesFuser, Fuser, GaussianDepth, Prior, Sample, affine_wls, aggregate,
+    empirical_bayes, residuals,
 };
 use approx::assert_relative_eq;
 use ndarray::Array2;
@@ -30,10 +31,6 @@ impl Reference {
         Array2::from_shape_vec(self.shape(), values.iter().map(|&v| v as f32).collect()).unwrap()
     }
 
-    fn prior(&self) -> Prior {
-        Prior::new(self.map(self.get("prior"))).unwrap()
-    }
-
     fn views(&self) -> Vec<GaussianDepth> {
         let pixels = self.shape().0 * self.shape().1;
         let planes = self.get("view").chunks(pixels).zip(self.get("variance").chunks(pixels));
@@ -47,11 +44,6 @@ impl Reference {
         all.filter(|((_, v), p)| v.is_finite() && **p > 0.0)
             .map(|((&u, &variance), &v)| Sample { u, variance, v })
             .collect()
-    }
-
-    fn residuals(&self) -> Vec<Residual> {
-        let [a, b] = *self.get("wls") else { panic!("two values") };
-        residuals(&self.samples(), Affine { a, b })
     }
 }
 
@@ -91,7 +83,8 @@ fn least_squares() {
 #[test]
 fn prior_variance() {
     let r = Reference::load();
-    let residuals = r.residuals();
+    let [a, b] = *r.get("wls") else { panic!("two values") };
+    let residuals = residuals(&r.samples(), Affine { a, b });
     for (residual, &delta) in residuals.iter().zip(r.get("delta")) {
         assert_relative_eq!(residual.delta, delta, max_relative = 1e-9, epsilon = 1e-12);
     }
@@ -102,8 +95,8 @@ fn prior_variance() {
 fn the_whole_fusion() {
     let r = Reference::load();
     // The reference has no clamp.
-    let config = FusionConfig { variance_floor: 0.0, ..FusionConfig::paper() };
-    let fused = BayesFuser::new(config).unwrap().fuse(&r.prior(), &r.views()).unwrap();
+    let prior = Prior::new(r.map(r.get("prior"))).unwrap();
+    let fused = BayesFuser::new(unclamped()).unwrap().fuse(&prior, &r.views()).unwrap();
     assert_map(&fused.depth, r.get("refined"), r.get("refined-variance"));
     assert_relative_eq!(fused.report.a, r.get("wls")[0], max_relative = 1e-6);
     assert_relative_eq!(fused.report.b, r.get("wls")[1], max_relative = 1e-5);

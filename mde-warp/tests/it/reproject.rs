@@ -8,6 +8,7 @@ use mde_warp::nalgebra::Point2;
 use mde_warp::ndarray::{Array2, Array3};
 use mde_warp::proptest::{pinhole, pinhole_of, pose};
 use mde_warp::{Error, PinholeCamera, Pose, ReprojectConfig, WarpConfig, forward_warp, reproject};
+use proptest::collection::vec;
 use proptest::prelude::*;
 
 fn to(depth: &GaussianDepth, camera: &PinholeCamera, target: &Pose) -> GaussianDepth {
@@ -35,19 +36,14 @@ fn gain(camera: &PinholeCamera, target: &Pose, from: Point2<f64>, z: f64) -> f64
 
 /// Depths of any size, variances of any size.
 fn wild(height: usize, width: usize) -> impl Strategy<Value = GaussianDepth> {
-    let exponent = || -45.0..38.5_f32;
-    let value = (exponent(), exponent(), 0..6_u8);
-    proptest::collection::vec(value, height * width).prop_map(move |values| {
-        let map = |f: &dyn Fn(&(f32, f32, u8)) -> f32| {
-            Array2::from_shape_vec((height, width), values.iter().map(f).collect()).unwrap()
-        };
-        let mean = map(&|&(m, _, dice)| match dice {
-            0 => 0.0,
-            1 => -10_f32.powf(m),
-            2 | 3 => 1.0 + 0.01 * m,
-            _ => 10_f32.powf(m),
-        });
-        GaussianDepth::new(mean, map(&|&(_, v, dice)| if dice == 2 { 0.0 } else { 10_f32.powf(v) })).unwrap()
+    let any_size = || (-45.0..38.5_f32).prop_map(|exponent| 10_f32.powf(exponent));
+    let mean =
+        prop_oneof![1 => Just(0.0), 1 => any_size().prop_map(|m| -m), 2 => 0.5..1.5_f32, 2 => any_size()];
+    let variance = prop_oneof![1 => Just(0.0), 5 => any_size()];
+    let pixels = height * width;
+    (vec(mean, pixels), vec(variance, pixels)).prop_map(move |(mean, variance)| {
+        let map = |values| Array2::from_shape_vec((height, width), values).unwrap();
+        GaussianDepth::new(map(mean), map(variance)).unwrap()
     })
 }
 
@@ -84,7 +80,7 @@ proptest! {
                 let seen = other.project(&(target * camera.unproject(pixel(row, column), z)));
                 let between = seen.filter(|p| p.x >= 0.0 && p.y >= 0.0).is_some_and(|p| {
                     let ends = |x: f64| [x.floor() as usize, x.ceil() as usize];
-                    ends(p.y).iter().all(|&r| ends(p.x).iter().all(|&c| !there.is_missing(r, c)))
+                    ends(p.y).iter().all(|&r| ends(p.x).iter().all(|&c| there.get(r, c).is_some()))
                 });
                 match back.get(row, column) {
                     Some((mean, _)) => {
@@ -121,9 +117,7 @@ proptest! {
         target in pose(0.2, 5.0),
         sigma in 0.0..10.0_f32,
     ) {
-        let config = ReprojectConfig::default();
-        let depth = gaussian(scene.depth(&camera), sigma * sigma);
-        let there = reproject(&depth, &camera, &Pose::identity(), &camera, &target, &config).unwrap();
+        let there = to(&gaussian(scene.depth(&camera), sigma * sigma), &camera, &target);
         for ((row, column), mean, _) in known(&there) {
             let level = scene.level(&camera, &target, pixel(row, column), mean as f32);
             prop_assert!(level.is_some(), "depth {mean} at {row}, {column} is on neither surface");
@@ -134,7 +128,7 @@ proptest! {
     #[test]
     fn folds_do_not_lower_the_variance(
         camera in pinhole_of(16, 12),
-        noise in proptest::collection::vec(-0.02..0.02_f32, 16 * 12),
+        noise in vec(-0.02..0.02_f32, 16 * 12),
         target in pose(1.5, 5.0),
     ) {
         let mean = Array2::from_shape_vec((12, 16), noise).unwrap().mapv(|n| 2.0 * (1.0 + n));

@@ -3,19 +3,15 @@
 use mde_warp::{ViewSampling, sample_poses};
 use proptest::prelude::*;
 
-fn sampling() -> impl Strategy<Value = ViewSampling> {
-    let ranges = (0..40_usize, 0.001..0.1_f64, 0.0..10.0_f64, 0.0..=0.5_f64);
-    ranges.prop_map(|(count, translation, rotation_degrees, rotation_only)| ViewSampling {
-        count,
-        translation,
-        rotation_degrees,
-        rotation_only,
-    })
-}
-
 proptest! {
     #[test]
-    fn poses_keep_their_bounds(sampling in sampling(), depth in 0.1..50.0_f64, seed: u64) {
+    fn poses_keep_their_bounds(
+        (count, translation, rotation_degrees, rotation_only) in
+            (0..40_usize, 0.001..0.1_f64, 0.0..10.0_f64, 0.0..=0.5_f64),
+        depth in 0.1..50.0_f64,
+        seed: u64,
+    ) {
+        let sampling = ViewSampling { count, translation, rotation_degrees, rotation_only };
         let poses = sample_poses(&sampling, depth, seed).unwrap();
         prop_assert_eq!(poses.len(), sampling.count);
         let mut moving = 0;

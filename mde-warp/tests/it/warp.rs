@@ -45,7 +45,7 @@ proptest! {
         prop_assert_eq!(&warped.depth, &depth.mean());
         prop_assert_eq!(&warped.view.hypotheses[0], &depth);
         for ((row, column, channel), &colour) in warped.view.image.indexed_iter() {
-            prop_assert!(depth.is_missing(row, column) || colour == image[(row, column, channel)]);
+            prop_assert!(depth.get(row, column).is_none() || colour == image[(row, column, channel)]);
         }
         let missing = depth.support().iter().filter(|&&known| !known).count();
         prop_assert_eq!(warped.hole_fraction, missing as f64 / warped.depth.len() as f64);
