@@ -1,5 +1,5 @@
 use crate::gaussian::{least_variance, relative_precision};
-use crate::{Gaussian, Sample};
+use crate::{Gaussian, Result, Sample};
 
 /// The map from the views' depth to the prior's: \\(\tilde D_r = a\\,\mu_r^{\mathrm{agg}} + b\\) (Eq. 10).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,13 +116,15 @@ impl Line {
 /// Relative spread at the resolution of an `f32`: the depth is constant to within its precision.
 const CONSTANT: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
-/// Why the fit to `samples` is refused as a calibration. A fit of `None` is not determined.
-pub(crate) fn degenerate(samples: &[Sample], fit: Option<&AffineFit>) -> Option<Degenerate> {
-    let (spread, a) = fit.map_or((0.0, 0.0), |fit| (fit.relative_spread, fit.affine.a));
-    match samples.len() {
-        found @ ..2 => Some(Degenerate::Support { found }),
-        _ if spread <= CONSTANT => Some(Degenerate::Singular { relative_spread: spread }),
-        _ => (!(a > 0.0 && a.is_finite())).then_some(Degenerate::Scale { a }),
+/// The map of the fit to `samples`, or why it is refused as a calibration. A fit of `None` is not determined.
+pub(crate) fn accepted(samples: &[Sample], fit: Option<AffineFit>) -> Result<Affine, Degenerate> {
+    match (samples.len(), fit) {
+        (found @ ..2, _) => Err(Degenerate::Support { found }),
+        (_, Some(AffineFit { affine, relative_spread, .. })) if relative_spread > CONSTANT => {
+            let Affine { a, .. } = affine;
+            if a > 0.0 && a.is_finite() { Ok(affine) } else { Err(Degenerate::Scale { a }) }
+        }
+        (_, fit) => Err(Degenerate::Singular { relative_spread: fit.map_or(0.0, |fit| fit.relative_spread) }),
     }
 }
 

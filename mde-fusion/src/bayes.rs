@@ -1,4 +1,4 @@
-use crate::affine::{degenerate, diagnose};
+use crate::affine::{accepted, diagnose};
 use crate::aggregate::check_shapes;
 use crate::gaussian::to_f32;
 use crate::posterior::nerf_weight;
@@ -74,22 +74,23 @@ impl BayesFuser {
         aggregate(&with_variance(views, config.variance, floor), config.aggregation)
     }
 
-    fn calibrate(&self, samples: &[Sample]) -> Calibrated {
-        let unfitted =
-            |affine, degenerate| Calibrated { fit: diagnose(samples, Affine::IDENTITY), affine, degenerate };
+    /// The affine fit, and its map; without a map the result is the prior.
+    fn calibrate(&self, samples: &[Sample]) -> (Option<AffineFit>, Result<Affine, Degenerate>) {
+        let identity = || diagnose(samples, Affine::IDENTITY);
         if self.config.calibration == Calibration::None && samples.len() > 1 {
-            return unfitted(Some(Affine::IDENTITY), None);
+            return (identity(), Ok(Affine::IDENTITY));
         }
         let fit = affine_wls(samples);
-        match degenerate(samples, fit.as_ref()) {
-            Some(reason) => unfitted(None, Some(reason)),
-            None => Calibrated { fit, affine: fit.map(|fit| fit.affine), degenerate: None },
-        }
+        let affine = accepted(samples, fit);
+        (if affine.is_ok() { fit } else { identity() }, affine)
     }
 
     /// \\(\sigma_o^2\\) of a prior without a variance, from the residuals over \\(\mathcal X\\), which are `None` without a calibration.
     fn estimate(&self, prior: &Prior, residuals: Option<&[Residual]>) -> f64 {
-        let relative = || (self.config.kappa * prior_median(prior)).powi(2);
+        let relative = || {
+            let depths = prior.mean().into_iter().copied().filter(|depth| *depth > 0.0);
+            (self.config.kappa * median(depths).unwrap_or(0.0)).powi(2)
+        };
         let Some(residuals) = residuals.filter(|r| !r.is_empty()) else { return relative() };
         match self.config.prior_variance {
             PriorVariance::Moments => empirical_bayes(residuals),
@@ -119,8 +120,8 @@ impl BayesFuser {
         likelihood: impl Iterator<Item = Option<Gaussian>>,
         report: &mut FusionReport,
     ) -> Result<GaussianDepth> {
-        let mut mean = Array2::zeros(prior.dim());
-        let mut variance = Array2::from_elem(prior.dim(), f32::INFINITY);
+        let (height, width) = prior.dim();
+        let (mut mean, mut variance) = GaussianDepth::missing(height, width).into_parts();
         let input = prior.mean().into_iter().zip(prior_variance).zip(likelihood);
         let mut weights = 0.0;
         for (((&depth, &s), likelihood), output) in input.zip(mean.iter_mut().zip(&mut variance)) {
@@ -150,9 +151,9 @@ impl Fuser for BayesFuser {
         check_shapes(views, prior.dim())?;
         let aggregated = self.aggregate(views, prior.dim())?;
         let (samples, inside) = overlap(&aggregated, prior);
-        let Calibrated { fit, affine, degenerate } = self.calibrate(&samples);
+        let (fit, affine) = self.calibrate(&samples);
 
-        let deltas = affine.map(|affine| residuals(&samples, affine));
+        let deltas = affine.ok().map(|affine| residuals(&samples, affine));
         let prior_variance = match prior.variance() {
             Some(own) => own.mapv(f64::from),
             None => Array2::from_elem(prior.dim(), self.estimate(prior, deltas.as_deref())),
@@ -173,23 +174,16 @@ impl Fuser for BayesFuser {
             effective_support: fit.map_or(0.0, |fit| fit.effective_support),
             correlation: fit.map_or(0.0, |fit| fit.correlation),
             sigma_o_clamped: bayes && prior.variance().is_none() && !samples.is_empty() && sigma_o == 0.0,
-            degenerate,
+            degenerate: affine.err(),
             variance_quantiles: variance_quantiles(&aggregated),
             ..FusionReport::default()
         };
         let known = aggregated.mean().into_iter().zip(aggregated.variance());
-        let likelihood = known.map(|(&m, &v)| (affine.is_some() && v.is_finite()).then(|| align(m, v)));
+        let likelihood = known.map(|(&m, &v)| (affine.is_ok() && v.is_finite()).then(|| align(m, v)));
         let depth = self.refine(prior, &prior_variance, likelihood, &mut report)?;
         report.collect_warnings(bayes);
         Ok(Fused { depth, aligned, aggregated, report })
     }
-}
-
-/// The outcome of the affine fit; without a map the result is the prior.
-struct Calibrated {
-    fit: Option<AffineFit>,
-    affine: Option<Affine>,
-    degenerate: Option<Degenerate>,
 }
 
 /// The pixels \\(\mathcal X\\) where neither the views nor the prior are missing, and a mask of them, both row by row.
@@ -214,10 +208,6 @@ fn rms(variance: &Array2<f64>, inside: &[bool]) -> f64 {
     let chosen = variance.iter().zip(inside).filter(|(v, inside)| v.is_finite() && (all || **inside));
     let (sum, count) = chosen.fold((0.0, 0.0), |(sum, count), (v, _)| (sum + v, count + 1.0));
     if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
-}
-
-fn prior_median(prior: &Prior) -> f64 {
-    median(prior.mean().iter().copied().filter(|&d| d > 0.0)).unwrap_or(0.0)
 }
 
 fn variance_quantiles(map: &GaussianDepth) -> [f64; 5] {

@@ -34,11 +34,6 @@ impl Prior {
         Ok(Self { mean, variance: Some(variance) })
     }
 
-    /// A map of `[height, width]` missing pixels.
-    pub fn missing(height: usize, width: usize) -> Self {
-        Self { mean: Array2::zeros((height, width)), variance: None }
-    }
-
     /// The depth, `[height, width]`; 0 where missing.
     pub fn mean(&self) -> ArrayView2<'_, f32> {
         self.mean.view()
