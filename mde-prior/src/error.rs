@@ -84,6 +84,16 @@ pub(crate) fn check(
     if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
 }
 
+/// [`Error::Input`] for two maps, by their names and `(height, width)`, that are not of one size.
+pub(crate) fn same_size(map: (&str, (usize, usize)), other: (&str, (usize, usize))) -> Result<()> {
+    if map.1 == other.1 {
+        return Ok(());
+    }
+    let reason =
+        format!("{} is {:?} but {} {:?}; give both one [height, width]", map.0, map.1, other.0, other.1);
+    Err(Error::Input(reason))
+}
+
 fn io_remedy(source: &std::io::Error) -> &'static str {
     use std::io::ErrorKind;
     match source.kind() {

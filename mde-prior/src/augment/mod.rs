@@ -36,7 +36,7 @@ pub use flip::flip_average;
 pub use plan::{Plan, Predictions};
 
 use crate::at_once::AtOnce;
-use crate::error::check;
+use crate::error::{check, same_size};
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip, s};
 use serde::{Deserialize, Serialize};
@@ -144,10 +144,8 @@ impl AugmentationConfig {
     /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.
     pub fn predict(&self, model: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<Augmented> {
         let never = &mut |_| ControlFlow::Continue(());
-        match self.predict_with(model, image, None, never)? {
-            Some(augmented) => Ok(augmented),
-            None => Err(Error::Input("the augmentation was cancelled; run it again".to_owned())),
-        }
+        let cancelled = || Error::Input("the augmentation was cancelled; run it again".to_owned());
+        self.predict_with(model, image, None, never)?.ok_or_else(cancelled)
     }
 
     /// [`predict`](Self::predict) with at most `at_once` predictions at once, 1 or more, and a progress callback. `Break` cancels, and the
@@ -273,13 +271,7 @@ impl Augmented {
     /// # Errors
     /// [`Error::Input`] where the sizes differ.
     pub fn relative_spread(&self, depth: ArrayView2<'_, f32>) -> Result<Array2<f32>> {
-        if depth.dim() != self.spread.dim() {
-            return Err(Error::Input(format!(
-                "the depth is {:?} but the spread {:?}; give both one size",
-                depth.dim(),
-                self.spread.dim()
-            )));
-        }
+        same_size(("the depth", depth.dim()), ("the spread", self.spread.dim()))?;
         if self.merged.kind.is_depth() {
             return Ok(self.spread.clone());
         }

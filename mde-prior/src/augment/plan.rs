@@ -23,8 +23,7 @@ impl TryFrom<Repr> for Predictions {
 
     fn try_from(repr: Repr) -> Result<Self, String> {
         match repr {
-            Repr::Most(most @ 1..) => Ok(Self::Most(most)),
-            Repr::Most(0) => Err("give \"auto\", or 1 or more predictions".to_owned()),
+            Repr::Most(most) => most.to_string().parse(),
             Repr::Auto(text) => text.parse(),
         }
     }

@@ -21,9 +21,8 @@ pub(super) fn sharpened(map: Array2<f32>, sigma: f64, gain: f64) -> Array2<f32> 
     Zip::from(&map).and(&low).map_collect(|&c, &low| c + gain as f32 * (c - low))
 }
 
-/// Moves `map` towards `filtered`, limited by the detail that the crops `added` nearby:
-/// \\(c + \delta \min(1, \sqrt{G_{2\sigma} f^2 / G_{2\sigma} \delta^2})\\) with \\(\delta\\) the change by the filter and \\(f\\) the change by
-/// the crops, less its low frequencies \\(G_\sigma\\).
+/// Moves `map` towards `filtered`, limited by the detail that the crops `added` nearby, as in [`augment`](super): the low frequencies are
+/// those of \\(G_\sigma\\), and nearby is within \\(G_{2\sigma}\\).
 pub(super) fn limit(map: &mut Array2<f32>, filtered: &Array2<f32>, added: ArrayView2<'_, f32>, sigma: f64) {
     let change = filtered - &*map;
     let low = wide(added, sigma);

@@ -1,5 +1,6 @@
 use super::post_filter::blurred;
-use crate::resample::{Filter, line, resize};
+use crate::resample::{Filter, resize};
+use mde_uncertainty::filter::line;
 use ndarray::{Array2, ArrayView2, Zip};
 
 /// Cells along each axis for the statistics of a crop: windows are much wider than a cell.

@@ -141,7 +141,9 @@ fn training_statistics(node: &NodeProto, opset: i64, steps: &mut Steps<'_>) -> O
     if attribute(node, "training_mode")?.i == 0 || node.output.len() > 1 {
         return None;
     }
-    let epsilon = steps.constant("epsilon", attribute(node, "epsilon").map_or(1e-5, |epsilon| epsilon.f));
+    let float_data = vec![attribute(node, "epsilon").map_or(1e-5, |epsilon| epsilon.f)];
+    let epsilon = TensorProto { data_type: FLOAT, float_data, ..TensorProto::default() };
+    let epsilon = steps.weight("epsilon", epsilon);
     let axis = steps.number("axis", 0);
     let (name, r#type) = ("axes".to_owned(), AttributeType::Ints as i32);
     let axes = AttributeProto { name, r#type, ints: vec![0], ..AttributeProto::default() };
@@ -203,10 +205,6 @@ impl Steps<'_> {
     fn number(&mut self, name: &str, value: i64) -> String {
         let (data_type, int64_data) = (DataType::Int64 as i32, vec![value]);
         self.weight(name, TensorProto { data_type, dims: vec![1], int64_data, ..TensorProto::default() })
-    }
-
-    fn constant(&mut self, name: &str, value: f32) -> String {
-        self.weight(name, TensorProto { data_type: FLOAT, float_data: vec![value], ..TensorProto::default() })
     }
 
     fn weight(&mut self, name: &str, values: TensorProto) -> String {

@@ -23,7 +23,7 @@ use crate::{Error, Result};
 /// Longest side, pixels.
 const MAX_SIDE: u32 = 1 << 16;
 /// Most bytes of a PNG's compressed metadata; its decoder leaves out a colour profile with more.
-pub(super) const MAX_METADATA: u64 = 1 << 26;
+const MAX_METADATA: u64 = 1 << 26;
 /// How a JPEG begins, and the second bytes of two of its markers.
 const JPEG: [u8; 2] = [0xff, 0xd8];
 const END_OF_IMAGE: u8 = 0xd9;
@@ -143,7 +143,7 @@ pub(super) fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
 }
 
 /// The reader with the memory that its decoder may take.
-fn with_limits<R: BufRead + Seek>(mut reader: ImageReader<R>) -> ImageReader<R> {
+pub(super) fn with_limits<R: BufRead + Seek>(mut reader: ImageReader<R>) -> ImageReader<R> {
     let mut limits = Limits::default();
     // A PNG is decoded row by row: the limit is for what is compressed beside the pixels.
     let png = reader.format() == Some(ImageFormat::Png);

@@ -1,8 +1,8 @@
 //! Resizing of float planes, as in the networks' own preprocessing.
 
-use ndarray::{Array2, Array3, ArrayView1, ArrayView2, ArrayView3, Axis};
+use mde_uncertainty::filter::line;
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
 
 /// An interpolation kernel. Pixel centres are at half-integers of the area: the half-pixel convention of OpenCV and of
 /// PyTorch with `align_corners = false`, borders repeated.
@@ -65,11 +65,6 @@ pub fn shrink(image: ArrayView3<'_, f32>, (height, width): (usize, usize)) -> Ar
         to.assign(&resize(from, (height, width), Filter::BilinearAntialias));
     }
     small
-}
-
-/// A row as a slice, copied only where its values do not lie side by side.
-pub(crate) fn line(row: ArrayView1<'_, f32>) -> Cow<'_, [f32]> {
-    row.to_slice().map_or_else(|| Cow::Owned(row.to_vec()), Cow::Borrowed)
 }
 
 /// Resizes to `(height, width)` with the value of the pixel that contains the new pixel's centre: for depth, which must not be mixed

@@ -2,7 +2,7 @@ use mde_uncertainty::statistics::quantile_sorted;
 use ndarray::{Array2, ArrayView2, Zip};
 use serde::{Deserialize, Serialize};
 
-use crate::error::check;
+use crate::error::{check, same_size};
 use crate::{Error, Result};
 
 /// The rule that turns disparity of unknown scale and shift into positive depth.
@@ -79,7 +79,8 @@ impl DisparityRule {
 
     /// The disparities of `far` and `near`: quantiles, or the extremes where these coincide.
     pub(crate) fn ends(&self, map: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<(f64, f64)> {
-        self.check(map, valid)?;
+        self.validate()?;
+        same_size(("the disparity", map.dim()), ("its mask", valid.dim()))?;
         let known = map.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite());
         let mut values: Vec<f32> = known.map(|(d, _)| *d).collect();
         values.sort_unstable_by(f32::total_cmp);
@@ -99,7 +100,8 @@ impl DisparityRule {
         valid: ArrayView2<'_, bool>,
         (lo, hi): (f64, f64),
     ) -> Result<Array2<f32>> {
-        self.check(disparity, valid)?;
+        self.validate()?;
+        same_size(("the disparity", disparity.dim()), ("its mask", valid.dim()))?;
         let a = 1.0 / self.near - 1.0 / self.far;
         let b = 1.0 / self.far;
         let constant = is_constant(lo, hi);
@@ -110,18 +112,6 @@ impl DisparityRule {
             let unit = if constant { 0.5 } else { ((f64::from(d) - lo) / (hi - lo)).clamp(0.0, 1.0) };
             (1.0 / (a * unit + b)) as f32
         }))
-    }
-
-    fn check(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<()> {
-        self.validate()?;
-        if disparity.dim() != valid.dim() {
-            return Err(Error::Input(format!(
-                "the disparity is {:?} but its mask {:?}; give both the same [height, width]",
-                disparity.dim(),
-                valid.dim()
-            )));
-        }
-        Ok(())
     }
 }
 

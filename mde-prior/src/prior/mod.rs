@@ -10,6 +10,7 @@ pub mod spec;
 use ndarray::{Array2, ArrayView3, Zip};
 use serde::{Deserialize, Serialize};
 
+use crate::error::same_size;
 use crate::resample::nearest;
 use crate::{Error, Result};
 
@@ -159,13 +160,7 @@ impl PriorDepth {
     /// # Errors
     /// [`Error::Input`] when the shapes differ, [`Error::Empty`] when no pixel has a value.
     pub fn with_mask(mut map: Array2<f32>, mut valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
-        if map.dim() != valid.dim() {
-            return Err(Error::Input(format!(
-                "the prior's map is {:?} but its mask {:?}; give both the image's [height, width]",
-                map.dim(),
-                valid.dim()
-            )));
-        }
+        same_size(("the prior's map", map.dim()), ("its mask", valid.dim()))?;
         Zip::from(&mut map).and(&mut valid).for_each(|value, valid| {
             *valid &= value.is_finite() && (*value > 0.0 || !kind.is_depth());
             if !*valid {

@@ -19,29 +19,19 @@ pub const PROFILES: [&str; ROWS.len()] = {
     names
 };
 
-/// Letters and digits that a file's name has, and the profile; the first row that fits.
-const NAMES: [(&[&str], &str); 20] = [
-    (&["fastdepth"], "fastdepth"),
+/// Letters and digits that a file's name has, and the profile; the first row that fits. A file with its profile's name needs none.
+const NAMES: [(&[&str], &str); 10] = [
     (&["midas", "small"], "midas-v2.1-small"),
     (&["midas", "v21s"], "midas-v2.1-small"),
-    (&["dptlarge"], "dpt-large"),
-    (&["dpthybrid"], "dpt-hybrid"),
     // Metres either way, but the ranges of rooms and streets differ.
     (&["depthanythingv2", "metric", "outdoor"], "depth-anything-v2-metric-outdoor"),
     (&["depthanythingv2", "metric", "vkitti"], "depth-anything-v2-metric-outdoor"),
     (&["depthanythingv2", "metric"], "depth-anything-v2-metric-indoor"),
-    (&["depthanythingv2"], "depth-anything-v2"),
     (&["depthanything3", "metric"], "depth-anything-3-metric"),
     (&["da3", "metric"], "depth-anything-3-metric"),
     (&["depthanything3", "mono"], "depth-anything-3-mono"),
     (&["da3", "mono"], "depth-anything-3-mono"),
-    (&["zoedepth"], "zoedepth"),
-    (&["depthpro"], "depth-pro"),
-    (&["unidepthv2"], "unidepth-v2"),
-    (&["moge2"], "moge-2"),
     (&["metric3d"], "metric3d-v2"),
-    (&["litemono"], "lite-mono"),
-    (&["pydnet"], "pydnet"),
 ];
 
 /// Mean and standard deviation of the colours of ImageNet.
@@ -175,11 +165,12 @@ impl ModelSpec {
     /// [`Error::UnknownProfile`] when none does.
     pub fn guess(model: impl AsRef<Path>) -> Result<Self> {
         let file = model.as_ref().file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let plain: String = file.chars().filter(char::is_ascii_alphanumeric).collect();
-        let has = |part: &&str| plain.contains(part);
-        let of = NAMES.iter().find(|(parts, _)| parts.iter().all(has));
-        match of.filter(|(_, name)| *name != "pydnet" || !has(&"upydnet")) {
-            Some((_, name)) => Self::profile(name),
+        let plain = |name: &str| name.chars().filter(char::is_ascii_alphanumeric).collect::<String>();
+        let has = |part: &str| plain(&file).contains(part);
+        let row = NAMES.iter().find(|(parts, _)| parts.iter().all(|part| has(part))).map(|(_, name)| *name);
+        let profile = row.or_else(|| PROFILES.into_iter().find(|name| has(&plain(name))));
+        match profile.filter(|name| *name != "pydnet" || !has("upydnet")) {
+            Some(name) => Self::profile(name),
             None => Err(Error::UnknownProfile { name: file }),
         }
     }

@@ -1,5 +1,6 @@
 //! Round trips, and files that are not what they claim.
 
+use crate::place;
 use mde_prior::format::{self, Format, ReadOptions};
 use mde_prior::ndarray::{Array2, array};
 use mde_prior::{DepthKind, DepthPrior, FilePrior, photo};
@@ -57,8 +58,7 @@ proptest! {
 
     #[test]
     fn png16_is_within_half_a_step(map in maps(0.0_f32..60.0), scale in 1.0_f64..1000.0) {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("m.png");
+        let (_folder, path) = place("m.png");
         format::write_png16(&path, map.view(), scale)?;
         let options = ReadOptions { png_scale: Some(scale), ..ReadOptions::default() };
         let read = format::read_values(&path, &options)?;
@@ -73,8 +73,7 @@ proptest! {
 
     #[test]
     fn numpy_agrees_on_npy(map in maps(-1e6_f32..1e6)) {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("m.npy");
+        let (_folder, path) = place("m.npy");
         format::write_npy(&path, map.view())?;
         prop_assert_eq!(&ndarray_npy::read_npy::<_, Array2<f32>>(&path)?, &map);
         ndarray_npy::write_npy(&path, &map.mapv(f64::from))?;
@@ -152,8 +151,7 @@ fn a_pfm_is_read_bottom_up_in_both_byte_orders_and_with_windows_line_ends() {
 
 #[test]
 fn the_first_nan_is_named_where_values_are_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("nan.pfm");
+    let (_folder, path) = place("nan.pfm");
     std::fs::write(&path, b"Pf\n1 1\n-1\n\x00\x00\xc0\x7f").unwrap();
     let message = format::read_values(&path, &ReadOptions::default()).unwrap_err().to_string();
     assert!(message.contains("nan.pfm: NaN at row 0, column 0"), "{message}");
@@ -161,8 +159,7 @@ fn the_first_nan_is_named_where_values_are_read() {
 
 #[test]
 fn arrays_and_channels_are_chosen_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("two.npz");
+    let (_folder, path) = place("two.npz");
     let (a, b) = (array![[1.0_f32]], array![[2.0_f32]]);
     let read = |name: Option<&str>| {
         format::read_values(&path, &ReadOptions { npz_array: name.map(Into::into), ..ReadOptions::default() })
@@ -178,8 +175,7 @@ fn arrays_and_channels_are_chosen_by_name() {
 
 #[test]
 fn nothing_is_left_behind_by_a_failed_write() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("m.png");
+    let (folder, path) = place("m.png");
     format::write_png16(&path, array![[1.0]].view(), 1000.0).unwrap();
     let before = std::fs::read(&path).unwrap();
     let refused = format::write_png16(&path, array![[66.0]].view(), 1000.0).unwrap_err().to_string();
@@ -192,8 +188,7 @@ fn nothing_is_left_behind_by_a_failed_write() {
 
 #[test]
 fn a_file_prior_has_the_image_size_or_says_both() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("d.npy");
+    let (_folder, path) = place("d.npy");
     format::write_npy(&path, array![[0.0_f32, -1.0, 2000.0]].view()).unwrap();
     let image = mde_prior::ndarray::Array3::zeros((1, 3, 3));
 
@@ -212,8 +207,7 @@ fn a_file_prior_has_the_image_size_or_says_both() {
 
 #[test]
 fn a_depth_png_is_read_by_the_scale_in_its_metadata() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("m.png");
+    let (_folder, path) = place("m.png");
     let map = array![[0.0, 1.25], [2.5, 13.0], [13.2, f32::INFINITY]];
     let read = |options: &ReadOptions| format::read_values(&path, options).unwrap();
     assert_eq!(format::write_depth_png(&path, map.view(), "m", 5000.0).unwrap(), 1);
@@ -231,8 +225,7 @@ fn a_depth_png_is_read_by_the_scale_in_its_metadata() {
 
 #[test]
 fn a_scale_that_is_none_and_a_confidence_are_refused_as_depth() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("m.png");
+    let (_folder, path) = place("m.png");
     let refused = || format::read_depth(&path, &ReadOptions::default()).unwrap_err().to_string();
     format::write_depth_png(&path, array![[1.0]].view(), "m", 1000.0).unwrap();
     let bytes = std::fs::read(&path).unwrap();

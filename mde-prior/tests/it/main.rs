@@ -20,6 +20,13 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
 }
 
+/// A path in a folder that is removed with the first value.
+fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    (folder, path)
+}
+
 /// The image of tests/reference/make_models.py.
 #[cfg(feature = "onnx")]
 fn pattern(height: usize, width: usize) -> Array3<f32> {

@@ -1,6 +1,6 @@
 //! Photographs.
 
-use crate::fixture;
+use crate::{fixture, place};
 use std::io::Cursor;
 
 use image::{DynamicImage, ImageFormat};
@@ -35,8 +35,7 @@ fn jpeg_with_exif(image: &DynamicImage, orientation: u16, focal: u16) -> Vec<u8>
 proptest! {
     #[test]
     fn eight_bits_round_trip(values in proptest::collection::vec(any::<u8>(), 3 * 3 * 5)) {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("a.png");
+        let (_folder, path) = place("a.png");
         let pixels = Array3::from_shape_vec((3, 5, 3), values)?;
         write_rgb_png(&path, pixels.view())?;
         let read = read_image(&path)?.pixels;
@@ -113,8 +112,7 @@ fn whole_jpegs_have_the_pixels_of_image_and_cut_ones_are_refused() {
 
 #[test]
 fn what_is_no_picture_is_not_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.png");
+    let (_folder, path) = place("a.png");
     let refused = write_rgb_png(&path, Array3::zeros((2, 2, 4)).view()).unwrap_err().to_string();
     assert!(refused.contains("[2, 2, 4]"), "{refused}");
     assert!(write_image(&path, Array3::from_elem((2, 2, 3), f32::NAN).view()).is_err());

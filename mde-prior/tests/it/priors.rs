@@ -1,5 +1,6 @@
 //! Theorems about disparity, flips, resampling and specifications.
 
+use crate::place;
 use approx::assert_relative_eq;
 use mde_prior::augment::flip_average;
 use mde_prior::ndarray::{Array2, Array3, ArrayView3, array, s};
@@ -219,8 +220,7 @@ fn the_readmes_specification_is_one() {
 
 #[test]
 fn specifications_come_from_toml_or_the_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = folder.path().join("midas_v21_small_256.onnx");
+    let (_folder, model) = place("midas_v21_small_256.onnx");
     assert_eq!(ModelSpec::guess(&model).unwrap(), ModelSpec::profile("midas-v2.1-small").unwrap());
     std::fs::write(model.with_extension("toml"), "output = 'depth'\nlayout = 'nhwc'\n").unwrap();
     let spec = ModelSpec::beside(&model).unwrap().unwrap();

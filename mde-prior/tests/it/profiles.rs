@@ -1,6 +1,6 @@
 //! Published networks: graphs with their inputs and outputs, made by tests/reference/make_models.py.
 
-use crate::{assert_close, fixture, grey, recognised};
+use crate::{assert_close, fixture, grey, place, recognised};
 use mde_prior::ndarray::{Array2, Array3};
 use mde_prior::spec::PROFILES;
 use mde_prior::{CertaintyMeaning, DepthKind, DepthPrior, Error, ModelSpec, OnnxPrior, RecognisedBy};
@@ -142,8 +142,7 @@ fn metres_for_a_stated_focal_length_follow_the_cameras() {
 
 #[test]
 fn a_file_of_any_name_is_recognised_by_its_graph_or_its_folder() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = folder.path().join("model.onnx");
+    let (folder, model) = place("model.onnx");
     let known = [
         ("moge2", "moge-2"),
         ("unidepth", "unidepth-v2"),

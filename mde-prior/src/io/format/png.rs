@@ -2,10 +2,10 @@
 
 use std::io::Cursor;
 
-use image::{ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
+use image::{ExtendedColorType, ImageDecoder as _, ImageEncoder as _, ImageFormat, ImageReader};
 use ndarray::{Array2, ArrayView2};
 
-use super::super::photo::{MAX_METADATA, check_image_size, png_size};
+use super::super::photo::{check_image_size, png_size, with_limits};
 use super::{Parsed, check_size};
 
 pub(super) fn parse(bytes: &[u8], eight_bits: bool) -> Parsed<Array2<f32>> {
@@ -13,10 +13,8 @@ pub(super) fn parse(bytes: &[u8], eight_bits: bool) -> Parsed<Array2<f32>> {
     if let Some([width, height]) = png_size(bytes) {
         check_image_size(width, height)?;
     }
-    let mut limits = image::Limits::default();
-    // It is decoded row by row: the limit is for what is compressed beside the pixels.
-    limits.max_alloc = Some(MAX_METADATA);
-    let decoder = image::codecs::png::PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
+    let reader = with_limits(ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png));
+    let decoder = reader.into_decoder().map_err(broken)?;
     let color = decoder.original_color_type();
     let eight = eight_bits && color == ExtendedColorType::L8;
     if color != ExtendedColorType::L16 && !eight {
