@@ -10,6 +10,7 @@ use mde_uncertainty::pooled::share_below;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (900, 560);
@@ -122,13 +123,9 @@ pub fn reliability(entries: &[Entry], names: &[String]) -> Chart {
 
 /// The methods that have an uncertainty, in the order of their first entry.
 pub fn methods(entries: &[Entry]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for entry in entries.iter().filter(|entry| entry.curves.is_some()) {
-        if !names.contains(&entry.method) {
-            names.push(entry.method.clone());
-        }
-    }
-    names
+    let mut seen = BTreeSet::new();
+    let firsts = entries.iter().filter(|entry| entry.curves.is_some() && seen.insert(&entry.method));
+    firsts.map(|entry| entry.method.clone()).collect()
 }
 
 fn guide(name: &str, points: Vec<[f64; 2]>) -> Curve {
@@ -141,8 +138,7 @@ fn each(
     names: &[String],
     points: impl Fn(&UncertaintyCurves) -> Vec<[f64; 2]>,
 ) -> Vec<Curve> {
-    let mut lines = Vec::new();
-    for (colour, name) in names.iter().enumerate() {
+    let line = |(colour, name): (usize, &String)| {
         let of_method = entries.iter().filter(|entry| entry.method == *name);
         let scenes: Vec<_> = of_method.filter_map(|entry| entry.curves.as_ref()).map(&points).collect();
         let longest = scenes.iter().map(Vec::len).max().unwrap_or(0);
@@ -151,9 +147,9 @@ fn each(
         let sum = |index: usize, axis: usize| scenes.iter().fold(0.0, |sum, scene| sum + scene[index][axis]);
         let mean = |index: usize| [0, 1].map(|axis| sum(index, axis) / scenes.len() as f64);
         let points = (0..longest).map(mean).filter(|point| point.iter().all(|v| v.is_finite())).collect();
-        lines.push(Curve { name: name.clone(), points, colour: Some(colour) });
-    }
-    lines
+        Curve { name: name.clone(), points, colour: Some(colour) }
+    };
+    names.iter().enumerate().map(line).collect()
 }
 
 fn drawn<B: DrawingBackend>(

@@ -53,11 +53,10 @@ impl ScoreConfig {
             ("max-depth", max, max > min && max.is_finite(), "use a finite number above min-depth"),
         ])?;
         match self.crop {
-            Some(crop @ [top, bottom, left, right]) if top >= bottom || left >= right => Err(Error::Config {
-                field: "crop",
-                value: format!("{crop:?}"),
-                remedy: "use [top, bottom, left, right] with top < bottom and left < right",
-            }),
+            Some(crop @ [top, bottom, left, right]) if top >= bottom || left >= right => {
+                let remedy = "use [top, bottom, left, right] with top < bottom and left < right";
+                Err(Error::config("crop", format!("{crop:?}"), remedy))
+            }
             _ => Ok(()),
         }
     }
@@ -87,9 +86,8 @@ impl<'a> Subject<'a> {
 
     /// With the prediction's standard deviation.
     #[must_use]
-    pub fn with_sigma(mut self, sigma: Map<'a>) -> Self {
-        self.sigma = Some(sigma);
-        self
+    pub fn with_sigma(self, sigma: Map<'a>) -> Self {
+        Self { sigma: Some(sigma), ..self }
     }
 
     /// The pixels that count, `[height, width]`:

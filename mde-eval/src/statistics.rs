@@ -92,7 +92,16 @@ impl Bootstrap {
     ) -> Result<Option<Estimate>> {
         self.validate()?;
         check_lists(what, lists.map(|list| -> List<'_> { (what, list, f64::is_finite, "finite") }))?;
-        let places = by_place(what, places, lists[0].len())?;
+        if places.len() != lists[0].len() {
+            return Err(Error::Length { what, found: places.len(), expected: lists[0].len() });
+        }
+        let mut scenes_of = BTreeMap::<&P, Vec<usize>>::new();
+        for (scene, place) in places.iter().enumerate() {
+            scenes_of.entry(place).or_default().push(scene);
+        }
+        let mut places: Vec<Vec<usize>> = scenes_of.into_values().collect();
+        // In the order of their first scene.
+        places.sort_unstable();
         let of_places = |drawn: &mut dyn Iterator<Item = usize>| {
             let (mut sums, mut scenes) = ([0.0; 2], 0_usize);
             for &scene in drawn.flat_map(|place| &places[place]) {
@@ -114,22 +123,6 @@ impl Bootstrap {
         let end = |p| quantile_sorted(&drawn, p).unwrap_or(value);
         Ok(Some(Estimate { value, low: end(tail), high: end(1.0 - tail) }))
     }
-}
-
-/// The scenes of each place, in the order of their first scene.
-fn by_place<P: Ord>(what: &'static str, labels: &[P], count: usize) -> Result<Vec<Vec<usize>>> {
-    if labels.len() != count {
-        return Err(Error::Length { what, found: labels.len(), expected: count });
-    }
-    let (mut scenes, mut place_of) = (Vec::<Vec<usize>>::new(), BTreeMap::new());
-    for (scene, label) in labels.iter().enumerate() {
-        let place = *place_of.entry(label).or_insert(scenes.len());
-        match scenes.get_mut(place) {
-            Some(of_place) => of_place.push(scene),
-            None => scenes.push(vec![scene]),
-        }
-    }
-    Ok(scenes)
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ pub(crate) fn costs_by_sigma<'py>(
 ) -> PyResult<Table<'py>> {
     curve(py, [costs, sigma], |costs, sigma| {
         let found = sparsification::costs_by_uncertainty(costs, sigma, bins)?;
-        Ok(found.iter().map(|bin| [bin.sigma, bin.cost]).collect())
+        Ok(found.into_iter().map(|bin| [bin.0, bin.1]).collect())
     })
 }
 

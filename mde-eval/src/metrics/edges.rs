@@ -83,8 +83,7 @@ impl EdgeCurve {
     /// Precision and recall where the predicted edges are the gradients *above* `threshold`.
     pub fn at(&self, threshold: f64) -> EdgePoint {
         let above = self.points.partition_point(|point| point.threshold > threshold);
-        let point = above.checked_sub(1).and_then(|last| self.points.get(last));
-        EdgePoint { threshold, ..point.copied().unwrap_or_default() }
+        EdgePoint { threshold, ..self.points[..above].last().copied().unwrap_or_default() }
     }
 }
 
@@ -126,14 +125,12 @@ pub fn edge_curve(
     let mut falling: Vec<(f32, bool)> = sloped.map(|(&g, &d)| (g, d <= f64::from(tolerance))).collect();
     falling.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
     let mut points = Vec::new();
-    let (mut predicted, mut hits, mut found) = (0, 0, 0);
+    let (mut predicted, mut hits) = (0, 0);
     for tied in falling.chunk_by(|a, b| a.0 == b.0) {
         let threshold = tied[0].0;
         predicted += tied.len();
         hits += tied.iter().filter(|(_, near)| *near).count();
-        while found_at.get(found).is_some_and(|&g| g >= threshold) {
-            found += 1;
-        }
+        let found = found_at.partition_point(|g| *g >= threshold);
         points.push(EdgePoint {
             threshold: f64::from(threshold),
             precision: share(hits, predicted),

@@ -17,10 +17,7 @@ use crate::raster::{Map, Mask};
 /// Smallest and largest value within the mask, finite ones alone; nothing where there is none.
 fn depth_range(map: Map<'_>, mask: Mask<'_>) -> Option<(f32, f32)> {
     let values = map.into_iter().zip(mask).filter(|(v, keep)| **keep && v.is_finite()).map(|(v, _)| *v);
-    values.fold(None, |range, v| match range {
-        None => Some((v, v)),
-        Some((low, high)) => Some((v.min(low), v.max(high))),
-    })
+    values.map(|v| (v, v)).reduce(|(low, high), (v, _)| (v.min(low), v.max(high)))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 
 use crate::Result;
 use crate::error::{self, List, check_lists};
-use mde_uncertainty::statistics::{Order, spearman};
+use mde_uncertainty::statistics::Order;
 
 /// How the kept costs become one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,15 +17,6 @@ pub enum Reduction {
     Mean,
     /// The root of their mean: for \\(e^2\\), giving RMSE.
     RootMean,
-}
-
-impl Reduction {
-    fn of(self, mean: f64) -> f64 {
-        match self {
-            Self::Mean => mean,
-            Self::RootMean => mean.max(0.0).sqrt(),
-        }
-    }
 }
 
 /// The three curves.
@@ -107,7 +98,10 @@ fn curves(
     sorted.sort_unstable_by(f64::total_cmp);
     let by_sigma = running_sums(&expected(&Order::new(sigma)?, costs));
     let oracle = running_sums(&sorted);
-    let left = |sums: &[f64], kept: usize| reduction.of(sums[kept] / kept as f64);
+    let left = |sums: &[f64], kept: usize| match reduction {
+        Reduction::Mean => sums[kept] / kept as f64,
+        Reduction::RootMean => (sums[kept] / kept as f64).max(0.0).sqrt(),
+    };
     Ok(Sparsification {
         removed,
         by_sigma: kept.clone().map(|k| left(&by_sigma, k)).collect(),
@@ -116,23 +110,14 @@ fn curves(
     })
 }
 
-/// Mean sigma and mean cost of one percentile bin of the uncertainty.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UncertaintyBin {
-    /// Mean sigma of the bin.
-    pub sigma: f64,
-    /// Mean cost of the bin.
-    pub cost: f64,
-}
-
-/// Costs by percentile of the uncertainty (the paper's Figure 2 with 100 bins of \\(|e|\\)).
+/// Costs by percentile of the uncertainty (the paper's Figure 2 with 100 bins of \\(|e|\\)): mean sigma and mean cost of each bin.
 ///
 /// The pixels in order of sigma, cut into `bins` runs of equal size up to one (fewer where there are fewer pixels). Ties
 /// that straddle a cut are averaged.
 ///
 /// # Errors
 /// As [`sparsify`]; [`Error::Config`](crate::Error::Config) for 0 bins.
-pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<UncertaintyBin>> {
+pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<(f64, f64)>> {
     check(costs, sigma)?;
     error::check([("bins", bins as f64, bins > 0, "use at least 1")])?;
     let (n, bins) = (costs.len(), bins.min(costs.len()));
@@ -143,18 +128,9 @@ pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result
         |values: &[f64]| values[0] + values.iter().map(|v| v - values[0]).sum::<f64>() / values.len() as f64;
     let bin = |k: usize| {
         let run = k * n / bins..(k + 1) * n / bins;
-        UncertaintyBin { sigma: mean(&sigma[run.clone()]), cost: mean(&costs[run]) }
+        (mean(&sigma[run.clone()]), mean(&costs[run]))
     };
     Ok((0..bins).map(bin).collect())
-}
-
-/// Spearman's correlation of mean sigma and mean cost over the bins; nothing where either is constant.
-///
-/// # Errors
-/// None for bins that [`costs_by_uncertainty`] made.
-pub fn spearman_of_bins(bins: &[UncertaintyBin]) -> Result<Option<f64>> {
-    let (sigma, costs): (Vec<f64>, Vec<f64>) = bins.iter().map(|bin| (bin.sigma, bin.cost)).unzip();
-    Ok(spearman(&sigma, &costs)?)
 }
 
 fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {
@@ -241,10 +217,7 @@ mod tests {
             let sigma: Vec<f64> = costs.iter().map(|c| c * 2.0 + 1.0).collect();
             let bins = costs_by_uncertainty(&costs, &sigma, 100).unwrap();
             prop_assert_eq!(bins.len(), costs.len().min(100));
-            prop_assert!(bins.windows(2).all(|b| b[0].sigma <= b[1].sigma && b[0].cost <= b[1].cost));
-            if costs.len() > 1 {
-                prop_assert!(spearman_of_bins(&bins).unwrap().is_none_or(|rho| rho > 1.0 - 1e-12));
-            }
+            prop_assert!(bins.windows(2).all(|b| b[0].0 <= b[1].0 && b[0].1 <= b[1].1));
         }
     }
 

@@ -35,7 +35,6 @@ impl SuperpixelPairs {
     /// # Errors
     /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
     pub fn new(truth: Map<'_>, mask: Mask<'_>) -> Result<Self> {
-        same_shape("the mask", mask.dim(), truth.dim())?;
         let disparity = truth.mapv(|g| if g > 0.0 { g.recip() } else { 0.0 });
         let (low, high) = depth_range(disparity.view(), mask).unwrap_or((0.0, 1.0));
         let gain = if high > low { 100.0 / (high - low) } else { 1.0 };
@@ -73,13 +72,7 @@ pub fn d3r(prediction: Map<'_>, truth: &SuperpixelPairs) -> Result<Option<f64>> 
 /// The order of two depths of a map.
 fn order(map: Map<'_>, a: Pixel, b: Pixel) -> Ordering {
     let (a, b) = (f64::from(map[a]), f64::from(map[b]));
-    if a > TIE_RATIO * b {
-        Ordering::Greater
-    } else if b > TIE_RATIO * a {
-        Ordering::Less
-    } else {
-        Ordering::Equal
-    }
+    (a > TIE_RATIO * b).cmp(&(b > TIE_RATIO * a))
 }
 
 /// Superpixels of a map: the segment of each pixel, and where the segments' centres are.

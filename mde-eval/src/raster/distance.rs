@@ -1,5 +1,5 @@
 use crate::raster::Mask;
-use ndarray::{Array2, ArrayView1, ArrayViewMut1};
+use ndarray::{Array2, ArrayViewMut1};
 
 /// Exact Euclidean distance in pixels from each pixel to the nearest true one, `[height, width]`; infinite without one.
 ///
@@ -7,56 +7,37 @@ use ndarray::{Array2, ArrayView1, ArrayViewMut1};
 /// envelope of parabolas, one dimension after the other, linear in the number of pixels.
 pub(crate) fn distance_to(features: Mask<'_>) -> Array2<f64> {
     let mut squared = features.mapv(|set| if set { 0.0 } else { f64::INFINITY });
-    let mut envelope = Envelope::default();
-    for column in squared.columns_mut() {
-        envelope.transform(column);
-    }
-    for row in squared.rows_mut() {
-        envelope.transform(row);
-    }
+    squared.columns_mut().into_iter().for_each(transform);
+    squared.rows_mut().into_iter().for_each(transform);
     squared.mapv_into(f64::sqrt)
 }
 
-/// Scratch of the one-dimensional transform \\(d(x) = \min_q (x - q)^2 + f(q)\\).
-#[derive(Default)]
-struct Envelope {
-    samples: Vec<f64>,
-    /// Vertices of the parabolas in the envelope, each with the place from which on it is the lowest.
-    parabolas: Vec<(usize, f64)>,
-}
-
-impl Envelope {
-    fn transform(&mut self, mut line: ArrayViewMut1<'_, f64>) {
-        self.build(line.view());
-        let mut current = self.parabolas.iter().copied().peekable();
-        let Some(mut lowest) = current.next() else { return };
-        for (x, out) in line.iter_mut().enumerate() {
-            while let Some(&next) = current.peek().filter(|next| next.1 <= x as f64) {
-                lowest = next;
-                current.next();
+/// The one-dimensional transform \\(d(x) = \min_q (x - q)^2 + f(q)\\).
+fn transform(mut line: ArrayViewMut1<'_, f64>) {
+    let samples = line.to_vec();
+    // Vertices of the parabolas in the envelope, each with the place from which on it is the lowest.
+    let mut parabolas: Vec<(usize, f64)> = Vec::new();
+    for (q, &f) in samples.iter().enumerate().filter(|(_, f)| f.is_finite()) {
+        let mut start = f64::NEG_INFINITY;
+        while let Some(&(p, from)) = parabolas.last() {
+            let (p_f, q_f) = (p as f64, q as f64);
+            start = ((f + q_f * q_f) - (samples[p] + p_f * p_f)) / (2.0 * (q_f - p_f));
+            if start > from {
+                break;
             }
-            let offset = x as f64 - lowest.0 as f64;
-            *out = offset * offset + self.samples[lowest.0];
+            parabolas.pop();
+            start = f64::NEG_INFINITY;
         }
+        parabolas.push((q, start));
     }
-
-    fn build(&mut self, line: ArrayView1<'_, f64>) {
-        self.samples.clear();
-        self.samples.extend(line);
-        self.parabolas.clear();
-        for (q, &f) in self.samples.iter().enumerate().filter(|(_, f)| f.is_finite()) {
-            let mut start = f64::NEG_INFINITY;
-            while let Some(&(p, from)) = self.parabolas.last() {
-                let (p_f, q_f) = (p as f64, q as f64);
-                start = ((f + q_f * q_f) - (self.samples[p] + p_f * p_f)) / (2.0 * (q_f - p_f));
-                if start > from {
-                    break;
-                }
-                self.parabolas.pop();
-                start = f64::NEG_INFINITY;
-            }
-            self.parabolas.push((q, start));
+    let mut current = parabolas.into_iter().peekable();
+    let Some(mut lowest) = current.next() else { return };
+    for (x, out) in line.iter_mut().enumerate() {
+        while let Some(next) = current.next_if(|next| next.1 <= x as f64) {
+            lowest = next;
         }
+        let offset = x as f64 - lowest.0 as f64;
+        *out = offset * offset + samples[lowest.0];
     }
 }
 

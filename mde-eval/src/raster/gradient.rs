@@ -27,13 +27,12 @@ impl Gradient {
         // Separable: a difference one way, 1 2 1 the other.
         let (mut down, mut right) = (Array2::zeros(map.dim()), Array2::zeros(map.dim()));
         let (height, width) = map.dim();
-        let last = |n: usize| n.saturating_sub(1);
         for y in 0..height {
             let (above, here, below) =
-                (map.row(y.saturating_sub(1)), map.row(y), map.row((y + 1).min(last(height))));
+                (map.row(y.saturating_sub(1)), map.row(y), map.row((y + 1).min(height - 1)));
             let (difference, sum) = (&below - &above, &above + 2.0 * &here + below);
             for x in 0..width {
-                let (left, next) = (x.saturating_sub(1), (x + 1).min(last(width)));
+                let (left, next) = (x.saturating_sub(1), (x + 1).min(width - 1));
                 down[(y, x)] = difference[left] + 2.0 * difference[x] + difference[next];
                 right[(y, x)] = sum[next] - sum[left];
             }

@@ -2,9 +2,7 @@ use super::Aligned;
 use crate::Result;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
 use crate::metrics::sparsification::Reduction::{Mean, RootMean};
-use crate::metrics::sparsification::{
-    Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi, spearman_of_bins,
-};
+use crate::metrics::sparsification::{Sparsification, costs_by_uncertainty, sparsify, sparsify_poggi};
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
 use serde::{Deserialize, Serialize};
 
@@ -31,8 +29,8 @@ pub(super) struct SigmaMap {
     /// Aligned prediction minus truth.
     pub(super) errors: Vec<f64>,
     pub(super) sigma: Vec<f64>,
-    /// Mean sigma and mean error of 100 runs by rising sigma.
-    bins: Vec<UncertaintyBin>,
+    /// Mean error of 100 runs by rising sigma.
+    error_by_percentile: Vec<f64>,
     pub(super) spearman: Option<f64>,
     pub(super) spearman_binned: Option<f64>,
     /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
@@ -72,9 +70,10 @@ impl SigmaMap {
         let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
         let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(&truth).map(over_depth).collect();
         let bins = costs_by_uncertainty(&absolute, &sigma, 100)?;
+        let (mean_sigma, error_by_percentile): (Vec<f64>, Vec<f64>) = bins.into_iter().unzip();
         Ok(Some(Self {
             spearman: spearman(&sigma, &absolute)?,
-            spearman_binned: spearman_of_bins(&bins)?,
+            spearman_binned: spearman(&mean_sigma, &error_by_percentile)?,
             spearman_relative: spearman(&relative_sigma, &relative)?,
             mae: sparsify(&absolute, &sigma, Mean)?,
             rmse: sparsify(&squared, &sigma, RootMean)?,
@@ -82,7 +81,7 @@ impl SigmaMap {
             poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
             errors,
-            bins,
+            error_by_percentile,
             sigma,
         }))
     }
@@ -92,7 +91,7 @@ impl SigmaMap {
         let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
         z.sort_unstable_by(f64::total_cmp);
         UncertaintyCurves {
-            error_by_percentile: self.bins.iter().map(|bin| bin.cost).collect(),
+            error_by_percentile: self.error_by_percentile.clone(),
             removed,
             by_sigma,
             oracle,
