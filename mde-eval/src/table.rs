@@ -114,28 +114,23 @@ pub fn calibrate(entries: &mut [Entry]) {
             let others = own.iter().map(|&other| &entries[other]).filter(|other| other.place() != place);
             let quantiles: Vec<Vec<f64>> =
                 others.filter_map(|other| Some(other.curves.as_ref()?.abs_z_quantiles.clone())).collect();
-            Some((
-                place.to_owned(),
-                PooledIntervals::fit(&quantiles).and_then(|table| table.factor(0.9)).ok()?,
-            ))
+            let factor = PooledIntervals::fit(&quantiles).and_then(|table| table.factor(0.9));
+            Some((place.to_owned(), factor.ok()?))
         };
         let factors: BTreeMap<String, f64> = places.into_iter().filter_map(factor).collect();
-        for index in own {
-            let entry = &entries[index];
-            let Some(factor) = factors.get(entry.place()).copied() else { continue };
-            let value = |key: &str| entry.values.get(key).copied();
-            let (Some(nll), Some(mean_z2), Some(curves)) = (value("nll"), value("mean_z2"), &entry.curves)
-            else {
-                continue;
-            };
+        let calibrated = |Entry { values, curves, .. }: &Entry, factor: f64| {
             // The factor leaves the errors and multiplies every sigma.
-            let nll = nll + factor.ln() + 0.5 * mean_z2 * (factor.powi(-2) - 1.0);
-            if !(factor > 0.0 && nll.is_finite()) {
-                continue;
-            }
-            let covered = share_below(&curves.abs_z_quantiles, factor * central_half_width(0.9));
+            let nll =
+                values.get("nll")? + factor.ln() + 0.5 * values.get("mean_z2")? * (factor.powi(-2) - 1.0);
+            let covered = share_below(&curves.as_ref()?.abs_z_quantiles, factor * central_half_width(0.9));
             let found = [("factor", factor), ("calibrated_coverage_90", covered), ("calibrated_nll", nll)];
-            found.into_iter().for_each(|(key, value)| entries[index].set(key, value));
+            (factor > 0.0 && nll.is_finite()).then_some(found)
+        };
+        for index in own {
+            let entry = &mut entries[index];
+            let factor = factors.get(entry.place());
+            let found = factor.and_then(|factor| calibrated(entry, *factor));
+            found.into_iter().flatten().for_each(|(key, value)| entry.set(key, value));
         }
     }
 }
@@ -168,24 +163,30 @@ pub fn failed(failures: &[Failure]) -> Vec<String> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::scene::{Room, room};
     use crate::score::score;
     use crate::statistics::Bootstrap;
+    use ndarray::Array2;
 
-    /// Two methods on three rooms: the truth too far by a tenth on one half, and by a fifth.
+    /// Two methods on three scenes.
     pub(crate) fn entries() -> Vec<Entry> {
-        let mut entries = Vec::new();
-        let config = ScoreConfig::default();
-        for kind in [Room::Study, Room::LivingRoom, Room::Bedroom] {
-            let truth = room(kind, 0, 48, 36).unwrap().depth;
-            for (method, off) in [("prior", 1.2), ("better", 1.1)] {
-                let mut depth = truth.clone();
-                depth.indexed_iter_mut().filter(|((_, x), _)| *x > 20).for_each(|(_, d)| *d *= off);
-                let sigma = depth.mapv(|d| 0.03 * d);
-                let subject = Subject::new(depth.view(), truth.view()).with_sigma(sigma.view());
+        entries_of(3, &[("prior", 0.2), ("better", 0.1)], true)
+    }
+
+    /// Methods whose depth is the truth, too far by about that share on average, with or without a sigma.
+    pub(crate) fn entries_of(scenes: usize, methods: &[(&str, f32)], sigma: bool) -> Vec<Entry> {
+        let (mut entries, config) = (Vec::new(), ScoreConfig::default());
+        for scene in 0..scenes {
+            let truth = Array2::from_shape_fn((24, 32), |(y, x)| 1.0 + 0.05 * (x + y + scene) as f32);
+            for &(method, error) in methods {
+                let error = error * (1.0 + 0.01 * scene as f32);
+                let off = |(y, x)| 1.0 + error * ((7 * x + 13 * y) % 41) as f32 / 20.0;
+                let depth = Array2::from_shape_fn(truth.dim(), |at| off(at) * truth[at]);
+                let sigma = sigma.then(|| depth.mapv(|d| 0.03 * d));
+                let sigma = sigma.as_ref().map(|sigma| sigma.view());
+                let subject = Subject { sigma, ..Subject::new(depth.view(), truth.view()) };
                 let scores = score(&subject, &config).unwrap();
                 let alignment = scores.alignment;
-                let mut entry = Entry::new(kind.to_string(), method, scores);
+                let mut entry = Entry::new(format!("scene {scene}"), method, scores);
                 entry.set_shared(&subject, &alignment, &config).unwrap();
                 assert!((entry.values["mse_shared"] - entry.values["mse"]).abs() < 1e-6);
                 entry.set("seconds", 1.0);
@@ -220,10 +221,10 @@ pub(crate) mod tests {
         let mut alone = entries[..2].to_vec();
         calibrate(&mut alone);
         assert!(alone.iter().all(|entry| !entry.values.contains_key("factor")));
-        // The third room alone stands for the first two, which are one place.
-        let third = entries.iter().find(|entry| entry.scene == "bedroom").unwrap().clone();
+        // The third scene alone stands for the first two, which are one place.
+        let third = entries.iter().find(|entry| entry.scene == "scene 2").unwrap().clone();
         for entry in &mut entries {
-            entry.place = Some(if entry.scene == "bedroom" { "there" } else { "here" }.to_owned());
+            entry.place = Some(if entry.scene == "scene 2" { "there" } else { "here" }.to_owned());
         }
         calibrate(&mut entries);
         let quantiles = &third.curves.as_ref().unwrap().abs_z_quantiles;

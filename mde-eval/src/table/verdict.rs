@@ -83,18 +83,16 @@ fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String
         }
     }
     let (on_better, on_worse) = (named(&better, &worse), named(&worse, &better));
-    let text = match (better.is_empty(), worse.is_empty()) {
+    let mut text = match (better.is_empty(), worse.is_empty()) {
         (true, true) => format!("no difference to {reference} beyond chance"),
         (false, true) => format!("better than {reference} in {on_better}"),
         (true, false) => format!("worse than {reference} in {on_worse}"),
         (false, false) => format!("better than {reference} in {on_better}, worse in {on_worse}"),
     };
-    let rest = if open > 0 && !(better.is_empty() && worse.is_empty()) {
-        format!("; {open} others within chance")
-    } else {
-        String::new()
-    };
-    format!("{}: {headline}{text}{rest}", method.method)
+    if open > 0 && !(better.is_empty() && worse.is_empty()) {
+        text += &format!("; {open} others within chance");
+    }
+    format!("{}: {headline}{text}", method.method)
 }
 
 /// 1 for better beyond chance, -1 for worse, 0 for neither; nothing where the metric ranks nothing.
@@ -134,32 +132,17 @@ fn named(labels: &[&str], others: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::score::{Subject, score};
     use crate::statistics::Bootstrap;
-    use crate::table::Entry;
-    use ndarray::Array2;
+    use crate::table::tests::entries_of;
 
-    /// A map whose error is `error` of the depth in stripes, on a number of scenes.
-    fn entries(scenes: usize) -> Vec<Entry> {
-        let mut entries = Vec::new();
-        for scene in 0..scenes {
-            let truth = Array2::from_shape_fn((24, 32), |(y, x)| 1.0 + 0.05 * (x + y + scene) as f32);
-            for (name, error) in [("prior", 0.2), ("good", 0.1), ("bad", 0.4), ("good, sigma by depth", 0.1)]
-            {
-                let depth = Array2::from_shape_fn(truth.dim(), |(y, x)| {
-                    truth[(y, x)] * (1.0 + if x % 4 < 2 { error } else { 0.0 } * (1.0 + 0.01 * scene as f32))
-                });
-                let scores = score(&Subject::new(depth.view(), truth.view()), &Default::default()).unwrap();
-                entries.push(Entry::new(format!("scene {scene}"), name, scores));
-            }
-        }
-        entries
+    fn summary(scenes: usize) -> Summary {
+        let methods = [("prior", 0.2), ("good", 0.1), ("bad", 0.4), ("good, sigma by depth", 0.1)];
+        Summary::new(&entries_of(scenes, &methods, false), Some("prior"), &Bootstrap::default()).unwrap()
     }
 
     #[test]
     fn what_is_better_beyond_chance_is_said_of_each_method() {
-        let summary = Summary::new(&entries(8), Some("prior"), &Bootstrap::default()).unwrap();
-        let lines = verdict(&summary, "table.md");
+        let lines = verdict(&summary(8), "table.md");
         assert_eq!(lines.len(), 2, "{lines:?}");
         let told = [("good: AbsRel ", "better than prior in "), ("bad: AbsRel ", "worse than prior in ")];
         for (line, (start, what)) in lines.iter().zip(told) {
@@ -175,7 +158,6 @@ mod tests {
 
     #[test]
     fn few_scenes_show_nothing() {
-        let summary = |scenes| Summary::new(&entries(scenes), Some("prior"), &Bootstrap::default()).unwrap();
         assert!(verdict(&summary(1), "table.md").last().unwrap().starts_with("one scene is too few"));
         let lines = verdict(&summary(3), "table.md");
         let nothing = "no difference to prior beyond chance";

@@ -96,10 +96,9 @@ fn decimals(magnitude: f64, metric: &Metric) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::entries;
+    use super::super::tests::{entries, entries_of};
     use super::*;
     use crate::statistics::Bootstrap;
-    use crate::table::Entry;
 
     #[test]
     fn every_table_has_as_many_cells_as_heads() {
@@ -124,10 +123,9 @@ mod tests {
     fn few_places_make_nothing_bold() {
         let draws = Bootstrap { draws: 1000, ..Bootstrap::default() };
         let spread = |places: usize| {
-            let mut entries = Vec::new();
-            for (scene, entry) in (0..8).flat_map(|scene| entries_of_one().map(move |entry| (scene, entry))) {
-                let place = Some(format!("room {}", scene % places));
-                entries.push(Entry { scene: format!("scene {scene}"), place, ..entry });
+            let mut entries = entries_of(8, &[("prior", 0.2), ("better", 0.1)], true);
+            for (scene, of_scene) in entries.chunks_mut(2).enumerate() {
+                of_scene.iter_mut().for_each(|entry| entry.place = Some(format!("room {}", scene % places)));
             }
             let summary = Summary::new(&entries, Some("prior"), &draws).unwrap();
             assert_eq!((summary.scenes, summary.places), (8, places));
@@ -136,9 +134,5 @@ mod tests {
         let (few, many) = (spread(5), spread(8));
         assert!(!few.contains("**") && few.contains("% of resampled places"));
         assert!(many.contains("**") && many.contains("% of resampled scenes"));
-    }
-
-    fn entries_of_one() -> impl Iterator<Item = Entry> {
-        entries().into_iter().filter(|entry| entry.scene == "study")
     }
 }

@@ -1,5 +1,6 @@
 //! Against SciPy, scikit-image, scikit-learn and NumPy: `reference/metrics.py` made `reference/metrics.json`.
 
+use crate::map;
 use approx::assert_relative_eq;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_uncertainty::statistics::{average_ranks, spearman};
@@ -23,11 +24,8 @@ struct Reference {
 impl Reference {
     fn read() -> Self {
         let file: Value = serde_json::from_str(include_str!("../reference/metrics.json")).unwrap();
-        let map = |name: &str| {
-            let rows: Vec<Vec<f64>> = serde_json::from_value(file["inputs"][name].clone()).unwrap();
-            Array2::from_shape_fn((rows.len(), rows[0].len()), |(y, x)| rows[y][x] as f32)
-        };
-        let (prediction, truth, sigma) = (map("prediction"), map("truth"), map("sigma"));
+        let [prediction, truth, sigma] =
+            ["prediction", "truth", "sigma"].map(|name| map(&file["inputs"][name]));
         let (mask, expected) = (truth.mapv(|g| g > 0.0), file["expected"].clone());
         let scale = expected["median"].as_f64().unwrap();
         let mut aligned = prediction.mapv(|p| (f64::from(p) * scale) as f32);
@@ -65,17 +63,15 @@ fn alignments() {
         near(scale, r.value(name));
         assert_eq!(shift, 0.0);
     }
-    let fit = r.values("ls-depth");
-    let Alignment::Depth { scale, shift } = AlignmentRule::LeastSquaresDepth.fit(&p, &g).unwrap() else {
-        panic!()
-    };
-    near(scale, fit[0]);
-    near(shift, fit[1]);
-    let fit = r.values("ls-disparity");
-    let alignment = AlignmentRule::LeastSquaresDisparity.fit(&p, &g).unwrap();
-    let Alignment::Disparity { scale, shift, .. } = alignment else { panic!() };
-    near(scale, fit[0]);
-    near(shift, fit[1]);
+    let [in_depth, alignment] = [AlignmentRule::LeastSquaresDepth, AlignmentRule::LeastSquaresDisparity]
+        .map(|rule| rule.fit(&p, &g).unwrap());
+    for (fitted, name) in [(in_depth, "ls-depth"), (alignment, "ls-disparity")] {
+        let (Alignment::Depth { scale, shift } | Alignment::Disparity { scale, shift, .. }) = fitted;
+        let expected = r.values(name);
+        near(scale, expected[0]);
+        near(shift, expected[1]);
+    }
+    assert!(matches!(alignment, Alignment::Disparity { .. }));
     let aligned: Vec<f64> = p.iter().map(|&p| alignment.depth(p)).collect();
     near(depth::rmse(&aligned, &g).unwrap(), r.value("ls-disparity-rmse"));
 }
