@@ -109,6 +109,13 @@ pub enum Error {
     Prior(#[from] mde_prior::Error),
 }
 
+impl Error {
+    /// Of a setting.
+    pub(crate) fn config(field: &'static str, value: impl ToString, remedy: &'static str) -> Self {
+        Self::Config { field, value: value.to_string(), remedy }
+    }
+}
+
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -138,6 +145,6 @@ pub(crate) fn check_lists<const N: usize>(empty: &'static str, lists: [List<'_>;
 pub(crate) fn check<const N: usize>(settings: [(&'static str, f64, bool, &'static str); N]) -> Result<()> {
     match settings.into_iter().find(|setting| !setting.2) {
         None => Ok(()),
-        Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
+        Some((field, value, _, remedy)) => Err(Error::config(field, value, remedy)),
     }
 }

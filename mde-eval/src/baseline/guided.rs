@@ -29,10 +29,7 @@ pub fn guided_filter(task: &Task<'_>) -> Result<Refined> {
     let mean_depth = mean(depth.clone());
     let mean_colour: [Array2<f64>; 3] = std::array::from_fn(|i| mean(colour[i].clone()));
     let cross: [Array2<f64>; 3] = std::array::from_fn(|i| mean(&colour[i] * &depth));
-    let squares: [Array2<f64>; 6] = std::array::from_fn(|k| {
-        let (i, j) = PAIRS[k];
-        mean(&colour[i] * &colour[j])
-    });
+    let squares = PAIRS.map(|(i, j)| mean(&colour[i] * &colour[j]));
     let mut lines: [Array2<f64>; 4] = std::array::from_fn(|_| Array2::zeros(depth.dim()));
     for at in ndarray::indices(depth.dim()) {
         let colour = Vector3::from_fn(|i, _| mean_colour[i][at]);

@@ -78,8 +78,7 @@ pub fn solve_bilateral(
         .map_err(|e| fault(format!("can't be built: {e:?}")))?;
     let factor = matrix.sp_cholesky(Side::Lower).map_err(|e| fault(format!("can't be factorised: {e:?}")))?;
     let solution = factor.solve(&Col::from_fn(grid.size, |row| right[row]));
-    let values = grid.vertex.iter().map(|&vertex| solution[vertex as usize] as f32).collect();
-    Array2::from_shape_vec((height, width), values).map_err(|e| fault(format!("lost a pixel: {e}")))
+    Ok(grid.vertex.mapv(|vertex| solution[vertex as usize] as f32))
 }
 
 /// Fast bilateral solver (Barron and Poole, ECCV 2016; defaults of the published notebook): the depth \\(x\\) that is smooth where the image
@@ -106,8 +105,8 @@ pub fn fast_bilateral(task: &Task<'_>) -> Result<Refined> {
 /// The occupied vertices of the bilateral grid of place and colour.
 struct Grid {
     size: usize,
-    /// Vertex of each pixel, row by row.
-    vertex: Vec<u32>,
+    /// Vertex of each pixel.
+    vertex: Array2<u32>,
     /// Occupied vertices one step away along each of the five axes.
     neighbours: Vec<Vec<u32>>,
 }
@@ -121,8 +120,7 @@ impl Grid {
         let planes = channels(image);
         let mut index: HashMap<[i32; 5], u32> = HashMap::new();
         let mut cells: Vec<[i32; 5]> = Vec::new();
-        let mut vertex = Vec::with_capacity(height * width);
-        for (y, x) in ndarray::indices((height, width)) {
+        let vertex = Array2::from_shape_fn((height, width), |(y, x)| {
             let [r, g, b] = [0, 1, 2].map(|channel: usize| 255.0 * f64::from(planes[channel][(y, x)]));
             // BT.601, full range, as JPEG has it.
             let luminance = 0.299 * r + 0.587 * g + 0.114 * b;
@@ -134,8 +132,8 @@ impl Grid {
             if id == next {
                 cells.push(cell);
             }
-            vertex.push(id);
-        }
+            id
+        });
         let around = |cell: &[i32; 5]| {
             let step = |axis: usize, by: i32| {
                 let mut other = *cell;

@@ -4,7 +4,7 @@ use mde_mvs::consensus::reconstruct;
 use mde_mvs::silent;
 use mde_mvs::sweep::{Surfaces, sweep};
 use mde_warp::{Pose, PosedView};
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, Zip};
 
 /// Plane sweep of the photograph against the further ones, with known poses and nothing else: no prior, no consistency over
 /// photographs, no field. Depth and sigma are in the unit of the poses.
@@ -19,12 +19,10 @@ pub fn plane_sweep(task: &Task<'_>) -> Result<Refined> {
     let surfaces = Surfaces::Planes { near: 0.5 * baseline, far: f64::INFINITY };
     let found = sweep(&views, 0, &sources, surfaces).map_err(|error| Error::Method(error.to_string()))?;
     let known = found.depth.support();
-    let masked = |mut map: Array2<f32>| {
-        map.zip_mut_with(&known, |value, known| *value = if *known { *value } else { 0.0 });
-        map
+    let masked = |map: ArrayView2<'_, f32>| {
+        Zip::from(map).and(&known).map_collect(|value, known| if *known { *value } else { 0.0 })
     };
-    let depth = masked(found.depth.mean().to_owned());
-    Ok(Refined { sigma: Some(masked(found.depth.sigma())), ..depth.into() })
+    Ok(Refined { sigma: Some(masked(found.depth.sigma().view())), ..masked(found.depth.mean()).into() })
 }
 
 /// The prior in the unit of the poses: its affine gauge in log depth, fitted to the plane sweeps of all photographs

@@ -33,11 +33,8 @@ impl Unsharp {
         let (mut low, mut high) = (-1.0, 50.0);
         for _ in 0..24 {
             let amount = 0.5 * (low + high);
-            if sharpness(sharpened(prior, &detail, amount).view(), both.view())? < target {
-                low = amount;
-            } else {
-                high = amount;
-            }
+            let sharpness = sharpness(sharpened(prior, &detail, amount).view(), both.view())?;
+            *if sharpness < target { &mut low } else { &mut high } = amount;
         }
         Ok(Self { amount: 0.5 * (low + high) })
     }

@@ -37,11 +37,8 @@ pub(super) fn walk(root: &Path, mut visit: impl FnMut(&Path) -> Result<bool>) ->
 
 /// What is in a folder, by name.
 pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
-    let fault = |source| Error::Io { path: folder.to_owned(), source };
-    let mut paths = Vec::new();
-    for entry in fs::read_dir(folder).map_err(fault)? {
-        paths.push(entry.map_err(fault)?.path());
-    }
+    let paths = fs::read_dir(folder).and_then(|found| found.map(|entry| Ok(entry?.path())).collect());
+    let mut paths: Vec<PathBuf> = paths.map_err(|source| Error::Io { path: folder.to_owned(), source })?;
     paths.sort();
     Ok(paths)
 }
@@ -76,10 +73,8 @@ impl<S> FromIterator<(String, S)> for Scenes<S> {
 
 impl<S> Scenes<S> {
     pub(super) fn get(&self, index: usize) -> Result<(&S, &str)> {
-        match (self.sources.get(index), self.ids.get(index)) {
-            (Some(source), Some(id)) => Ok((source, id)),
-            _ => Err(Error::Scene { index, count: self.ids.len() }),
-        }
+        let scene = self.sources.get(index).zip(self.ids.get(index).map(String::as_str));
+        scene.ok_or(Error::Scene { index, count: self.ids.len() })
     }
 }
 

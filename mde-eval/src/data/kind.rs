@@ -95,18 +95,16 @@ pub struct Options {
 /// # Errors
 /// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
 pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result<Box<dyn DataSet>> {
-    let fault = |value: &str, remedy| {
-        Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
-    };
+    let fault = |value: String, remedy| Err(Error::config("the data set's folder", value, remedy));
     let fov = options.assumed_fov;
     let [width, height] = options.size.unwrap_or([640, 480]);
     let data: Box<dyn DataSet> = match (kind, root) {
         (DataSetKind::Rooms, None) => Box::new(Rooms::new(0, width, height)),
         (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, 0, width, height)?),
         (DataSetKind::Rooms | DataSetKind::Captures, Some(root)) => {
-            return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
+            return fault(root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
-        (_, None) => return fault("missing", "name it"),
+        (_, None) => return fault("missing".to_owned(), "name it"),
         (DataSetKind::SunRgbd, Some(root)) => Box::new(SunRgbd::open(root, fov)?),
         (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root, options.pose_noise)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),

@@ -17,8 +17,7 @@ pub struct Placed {
 pub fn parse_places(text: &str) -> Result<BTreeMap<String, String>> {
     let mut places = BTreeMap::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')) {
-        let fault =
-            |remedy| Err(Error::Config { field: "a line of the places", value: format!("`{line}`"), remedy });
+        let fault = |remedy| Err(Error::config("a line of the places", format!("`{line}`"), remedy));
         let Some((scene, place)) = line.split_once(char::is_whitespace) else {
             return fault("write a scene, white space, and its place");
         };

@@ -66,10 +66,7 @@ impl DataSet for PlainFolders {
         let (image, depth) = read_pair(&image, &depth, &options)?;
         let (height, width) = depth.dim();
         let known = description.camera(width, height).map_err(fault)?;
-        let camera = match known {
-            Some(camera) => camera,
-            None => assumed(self.assumed_fov, &path, depth.dim())?,
-        };
+        let camera = known.map_or_else(|| assumed(self.assumed_fov, &path, depth.dim()), Ok)?;
         Ok(Sample {
             assumed_camera: known.is_none(),
             trusted_depth: description.max_depth.unwrap_or(10.0),

@@ -1,5 +1,5 @@
 use super::{DataSet, Sample};
-use crate::Result;
+use crate::{Error, Result};
 use mde_prior::resample::{nearest, shrink};
 use mde_warp::PosedView;
 
@@ -18,11 +18,11 @@ impl Resized {
     /// The scenes of `data` in `width` x `height` pixels.
     ///
     /// # Errors
-    /// [`Error::Config`](crate::Error::Config) for a size of 0.
+    /// [`Error::Config`] for a size of 0.
     pub fn new(data: Box<dyn DataSet>, width: usize, height: usize) -> Result<Self> {
         if width.min(height) == 0 {
             let value = format!("{width}x{height}");
-            return Err(crate::Error::Config { field: "the size", value, remedy: "use at least 1x1 pixels" });
+            return Err(Error::config("the size", value, "use at least 1x1 pixels"));
         }
         Ok(Self { data, width, height })
     }

@@ -11,10 +11,6 @@ impl Shard {
     /// The most parts that a run can have.
     const MOST: u32 = 1_000_000;
 
-    fn new(index: u32, count: u32) -> Option<Self> {
-        ((1..=count).contains(&index) && count <= Self::MOST).then_some(Self { index, count })
-    }
-
     /// Whether the item of this name belongs to it: the CRC-32 of the name modulo the number of shards.
     pub fn has(&self, name: &str) -> bool {
         crc32fast::hash(name.as_bytes()) % self.count == self.index - 1
@@ -25,8 +21,10 @@ impl FromStr for Shard {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let shard = text.split_once('/').and_then(|(i, n)| Self::new(i.parse().ok()?, n.parse().ok()?));
-        shard.ok_or_else(|| "give I/N with I from 1 to N, such as 2/8".to_owned())
+        let part = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        let known = part.filter(|(index, count)| (1..=*count).contains(index) && *count <= Self::MOST);
+        let (index, count) = known.ok_or("give I/N with I from 1 to N, such as 2/8")?;
+        Ok(Self { index, count })
     }
 }
 

@@ -54,11 +54,9 @@ impl DataSet for SunRgbd {
         let (image, rotated) = read_pair(&image, &depth, &options)?;
         let depth = rotated.mapv(|bits| (f64::from((bits as u16).rotate_right(3)) / 1000.0) as f32);
         let file = scene.join("intrinsics.txt");
-        let assumed_camera = !file.is_file();
-        let camera = match assumed_camera {
-            true => assumed(self.assumed_fov, &file, depth.dim())?,
-            false => read_intrinsics(&file, depth.dim())?,
-        };
+        let known = file.is_file().then(|| read_intrinsics(&file, depth.dim())).transpose()?;
+        let camera = known.map_or_else(|| assumed(self.assumed_fov, &file, depth.dim()), Ok)?;
+        let assumed_camera = known.is_none();
         Ok(Sample { assumed_camera, trusted_depth: 8.0, ..Sample::new(id, image, depth, camera) })
     }
 }

@@ -103,11 +103,8 @@ impl World {
             let distance = aim.norm();
             let towards = aim / distance;
             let facing = normal.dot(&towards);
-            if facing <= 0.0 {
-                continue;
-            }
             let shadow = Ray { origin: point, direction: towards };
-            if self.bodies.blocked(&shadow, distance) {
+            if facing <= 0.0 || self.bodies.blocked(&shadow, distance) {
                 continue;
             }
             light += lamp.colour * (facing / (distance * distance + 0.05));

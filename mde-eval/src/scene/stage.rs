@@ -23,9 +23,8 @@ impl Stand {
     }
 
     /// Turned to the left (seen from above) by degrees.
-    pub(super) fn turned(mut self, degrees: f64) -> Self {
-        self.yaw += degrees.to_radians();
-        self
+    pub(super) fn turned(self, degrees: f64) -> Self {
+        Self { yaw: self.yaw + degrees.to_radians(), ..self }
     }
 
     /// A frame given in this one.

@@ -62,9 +62,8 @@ impl Material {
         Self::new(Texture::Plain(rgb(red, green, blue)))
     }
 
-    pub(super) const fn gloss(mut self, gloss: f64) -> Self {
-        self.gloss = gloss;
-        self
+    pub(super) const fn gloss(self, gloss: f64) -> Self {
+        Self { gloss, ..self }
     }
 
     /// Shines, and lets light pass.
@@ -73,9 +72,8 @@ impl Material {
     }
 
     /// Casts no shadow: what shines, and the walls, which all lights are within.
-    pub(super) const fn shadowless(mut self) -> Self {
-        self.casts_shadow = false;
-        self
+    pub(super) const fn shadowless(self) -> Self {
+        Self { casts_shadow: false, ..self }
     }
 }
 

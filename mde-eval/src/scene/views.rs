@@ -138,9 +138,8 @@ impl World {
             let step =
                 |k: u32| f64::from(k.div_ceil(2)) * if k.is_multiple_of(2) { -1.0 } else { 1.0 } * PI / 36.0;
             let Some(angle) = (0..72).map(|k| nominal + step(k)).find(free) else {
-                let value = config.baseline.to_string();
                 let remedy = "use a smaller baseline or fewer views; the room has no space for the cameras";
-                return Err(Error::Config { field: "baseline", value, remedy });
+                return Err(Error::config("baseline", config.baseline, remedy));
             };
             taken.push(angle);
             poses.push(pose(angle));

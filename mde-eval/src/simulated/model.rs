@@ -154,11 +154,8 @@ impl DepthPrior for SimulatedModel {
     /// # Errors
     /// [`mde_prior::Error::Input`] for an image that is neither a part of a photograph nor the mirror image of one.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        // One that has the image whole, then one that has it as a crop.
-        let whole =
-            self.0.iter().find(|known| known.image.view() == image).map(|known| (known, (0, 0, false)));
-        let crop = || self.0.iter().find_map(|known| Some((known, known.find(image)?)));
-        let Some((known, (y, x, mirrored))) = whole.or_else(crop) else {
+        let found = self.0.iter().find_map(|known| Some((known, known.find(image)?)));
+        let Some((known, (y, x, mirrored))) = found else {
             return Err(mde_prior::Error::Input(
                 "the simulated model has not seen the photograph; give its own, crops and mirror images of them".to_owned(),
             ));

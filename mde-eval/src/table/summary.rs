@@ -76,12 +76,11 @@ impl Summary {
             }
             if *places.entry(&entry.scene).or_insert(entry.place()) != entry.place() {
                 let value = format!("{} for {}", entry.place(), entry.scene);
-                return Err(Error::Config { field: "place", value, remedy: "give each scene one place" });
+                return Err(Error::config("place", value, "give each scene one place"));
             }
             if !seen.insert((&entry.method, &entry.scene, entry.seed)) {
                 let value = format!("{} on {}, twice", entry.method, entry.scene);
-                let remedy = "give each scene, method and seed once";
-                return Err(Error::Config { field: "an entry", value, remedy });
+                return Err(Error::config("an entry", value, "give each scene, method and seed once"));
             }
         }
         for metric in METRICS {
