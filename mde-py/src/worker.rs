@@ -6,7 +6,7 @@ use ndarray::{Array2, Array3};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -65,7 +65,7 @@ pub(crate) fn run<T: Send>(
         // The link ends with the work, a panic included, and with it the calling thread's wait.
         let worker = scope.spawn(move || pool.install(|| work(&link)));
         loop {
-            let step = match wait(py, &requests) {
+            let step = match py.detach(|| lock(&requests).recv_timeout(PATIENCE)) {
                 Err(RecvTimeoutError::Disconnected) => break,
                 // A reply that is dropped here ends the wait for it.
                 _ if failed.is_some() => continue,
@@ -90,10 +90,6 @@ pub(crate) fn run<T: Send>(
             Err(raise(format!("a fault of the package, please report it: {text}")))
         }
     }
-}
-
-fn wait(py: Python<'_>, requests: &Mutex<Receiver<Request>>) -> Result<Request, RecvTimeoutError> {
-    py.detach(|| lock(requests).recv_timeout(PATIENCE))
 }
 
 /// A pool of threads, with the process that it is of.

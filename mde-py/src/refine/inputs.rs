@@ -13,7 +13,6 @@ use mde_cli::refiner::{Observer as _, Plan, Refiner};
 use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use mde_cli::scene::known::{KnownDepth, KnownDepths};
 use mde_cli::scene::{Photograph, SameScale, Scene};
-use ndarray::Array3;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -118,7 +117,10 @@ impl Inputs {
         let camera = arguments.camera.given();
         let given = arguments.photographs.into_iter().enumerate().map(|(index, one)| {
             let image = one.image.as_array().to_owned();
-            check(&one.name, &image)?;
+            if let Some(value) = image.iter().find(|value| !(0.0..=1.0).contains(*value)) {
+                let name = one.name;
+                return Err(raise(format!("{name}: the image holds {value}; give 0 to 1, or bytes (uint8)")));
+            }
             let (height, width, _) = image.dim();
             let camera = KnownCamera::new(&camera, one.focal, [width, height]).map_err(raise)?;
             let pose = one.pose.map(|rows| rigid(&format!("poses[{index}]"), &rows)).transpose()?;
@@ -191,14 +193,6 @@ fn given(
         return Ok((Scene::one(photographs.remove(0)), plan));
     }
     Ok((scene_of(photographs, unreadable, watch)?.0, plan))
-}
-
-/// Refuses an image that is none.
-fn check(name: &str, image: &Array3<f32>) -> PyResult<()> {
-    match image.iter().find(|value| !(0.0..=1.0).contains(*value)) {
-        Some(value) => Err(raise(format!("{name}: the image holds {value}; give 0 to 1, or bytes (uint8)"))),
-        None => Ok(()),
-    }
 }
 
 /// Whether a path holds a capture with poses.

@@ -90,11 +90,7 @@ fn formats(names: &[String]) -> PyResult<Vec<Format>> {
 
 /// The unit of a result by its name.
 fn unit(name: &str) -> &'static str {
-    match name {
-        METRES => METRES,
-        "capture" => "capture",
-        _ => "unscaled",
-    }
+    [METRES, "capture"].into_iter().find(|known| *known == name).unwrap_or("unscaled")
 }
 
 fn named<'m>(maps: &'m [Named<'_>]) -> Vec<files::Named<'m>> {
