@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use ndarray::{Array2, ArrayView2};
 use rand::RngExt;
 use rayon::prelude::*;
+use std::array::from_fn;
 
 use super::edge::{alike, colour};
 use crate::raster::luma;
@@ -76,6 +77,16 @@ struct Match {
     plane: Plane,
     cost: f32,
     back: f32,
+    /// The photographs that all planes of the pixel are compared with, a bit each.
+    with: u8,
+}
+
+/// Where another photograph shows a plane's pixel, the inverse of its homogeneous depth, and the distance of its return, at most 1.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shown {
+    pixel: [f32; 2],
+    scale: f32,
+    back: f32,
 }
 
 /// Samples about a pixel of the reference: offsets, weights and luma. Those that are none have no weight.
@@ -138,8 +149,8 @@ impl<'a> Source<'a> {
         Self { view, bilinear, depth, there, back }
     }
 
-    /// Cost of colour and return of the plane of the pixel `at`, and the return alone; nothing where the photograph does not show it.
-    fn cost(&self, plane: Plane, at: [f32; 2], patch: &Patch) -> Option<[f32; 2]> {
+    /// Where the plane of the pixel `at` lies there; nothing where the photograph does not show it.
+    fn shown(&self, plane: Plane, at: [f32; 2]) -> Option<Shown> {
         let [most_x, most_y] = [self.view.camera.width - 1, self.view.camera.height - 1].map(|n| n as f32);
         let [x, y, z] = self.there.of(at, plane.w);
         if z <= NEAR {
@@ -154,23 +165,23 @@ impl<'a> Source<'a> {
         if !self.view.mask[nearest] {
             return None;
         }
-        // Derivative of the pixel there by that here, along the plane.
-        let turn = |row: usize, axis: usize| {
-            self.there.rotation[(row, axis)] + plane.slope[axis] * self.there.translation[row]
-        };
-        let along = |row: usize, axis: usize| (turn(row, axis) - pixel[row] * turn(2, axis)) * scale;
-        let affine = [[along(0, 0), along(0, 1)], [along(1, 0), along(1, 1)]];
         let z = self.depth[nearest];
         let returned = (z > 0.0).then(|| self.back.pixel(pixel, 1.0 / z)).flatten();
         let back = returned.map_or(1.0, |[u, v]| {
             let squared: f32 = (u - at[0]).powi(2) + (v - at[1]).powi(2);
             (squared.sqrt() / RETURN).min(1.0)
         });
-        Some([self.unlikeness(pixel, affine, patch) + GEOMETRY * back, back])
+        Some(Shown { pixel, scale, back })
     }
 
-    /// \\( 1 - \mathrm{ZNCC} \\), 0 to 1, of a patch and what lies at `pixel` and, by `affine`, about it.
-    fn unlikeness(&self, pixel: [f32; 2], affine: [[f32; 2]; 2], patch: &Patch) -> f32 {
+    /// \\( 1 - \mathrm{ZNCC} \\), 0 to 1, of a patch and what the plane has there.
+    fn unlikeness(&self, plane: Plane, Shown { pixel, scale, .. }: Shown, patch: &Patch) -> f32 {
+        // Derivative of the pixel there by that here, along the plane.
+        let turn = |row: usize, axis: usize| {
+            self.there.rotation[(row, axis)] + plane.slope[axis] * self.there.translation[row]
+        };
+        let along = |row: usize, axis: usize| (turn(row, axis) - pixel[row] * turn(2, axis)) * scale;
+        let affine = [[along(0, 0), along(0, 1)], [along(1, 0), along(1, 1)]];
         let width = self.view.camera.width as u32;
         let [most_x, most_y] = [self.view.camera.width - 1, self.view.camera.height - 1].map(|n| n as f32);
         let (mut index, mut fx, mut fy) = ([0_u32; SAMPLES], [0.0_f32; SAMPLES], [0.0_f32; SAMPLES]);
@@ -184,18 +195,20 @@ impl<'a> Source<'a> {
             (fx[i], fy[i]) = (rest_x, rest_y);
         }
         let mut there = [0.0_f32; SAMPLES];
-        for i in 0..SAMPLES {
-            let [a, b, c, d] = self.bilinear[index[i] as usize];
-            there[i] = a + fx[i] * b + fy[i] * (c + fx[i] * d);
+        for first in (0..SAMPLES).step_by(LANES) {
+            let corners: [[f32; 4]; LANES] = from_fn(|lane| self.bilinear[index[first + lane] as usize]);
+            let [a, b, c, d] = from_fn(|part| from_fn::<_, LANES, _>(|lane| corners[lane][part]));
+            for lane in 0..LANES {
+                let (fx, fy) = (fx[first + lane], fy[first + lane]);
+                there[first + lane] = a[lane] + fx * b[lane] + fy * (c[lane] + fx * d[lane]);
+            }
         }
         // Weighted values, squares and products, summed in lanes, so that they need not wait for each other.
         let mut sums = [[0.0_f32; LANES]; 3];
         for first in (0..SAMPLES).step_by(LANES) {
-            let of = |values: &[f32; SAMPLES]| -> [f32; LANES] {
-                std::array::from_fn(|lane| values[first + lane])
-            };
+            let of = |values: &[f32; SAMPLES]| -> [f32; LANES] { from_fn(|lane| values[first + lane]) };
             let (weight, there, here) = (of(&patch.weight), of(&there), of(&patch.luma));
-            let weighted: [f32; LANES] = std::array::from_fn(|lane| weight[lane] * there[lane]);
+            let weighted: [f32; LANES] = from_fn(|lane| weight[lane] * there[lane]);
             for lane in 0..LANES {
                 sums[0][lane] += weighted[lane];
                 sums[1][lane] += weighted[lane] * there[lane];
@@ -275,22 +288,53 @@ impl<'a> Reference<'a> {
         patch
     }
 
-    /// The mean over the better half of the photographs that show it.
-    fn judge(&self, plane: Plane, at: usize, patch: &Patch) -> Match {
-        let pixel = [(at % self.width) as f32, (at / self.width) as f32];
-        let mut costs = [[f32::INFINITY; 2]; SOURCES];
-        let mut count = 0;
-        for cost in self.sources.iter().filter_map(|source| source.cost(plane, pixel, patch)) {
-            costs[count] = cost;
-            count += 1;
+    fn pixel(&self, at: usize) -> [f32; 2] {
+        [(at % self.width) as f32, (at / self.width) as f32]
+    }
+
+    /// The first plane of a pixel, by the better half of the photographs that show it.
+    fn first(&self, at: usize) -> Match {
+        let (plane, patch) = (self.fitted(at), self.patch(at));
+        let costs = self.sources.iter().enumerate().filter_map(|(index, source)| {
+            let shown = source.shown(plane, self.pixel(at))?;
+            Some((source.unlikeness(plane, shown, &patch) + GEOMETRY * shown.back, shown.back, 1 << index))
+        });
+        let mut costs: Vec<(f32, f32, u8)> = costs.collect();
+        costs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        costs.truncate(costs.len().div_ceil(2));
+        if costs.is_empty() {
+            return Match { plane, cost: 1.0 + GEOMETRY, back: 1.0, with: 0 };
         }
-        if count == 0 {
-            return Match { plane, cost: 1.0 + GEOMETRY, back: 1.0 };
+        let [cost, back] = costs.iter().fold([0.0; 2], |[cost, back], one| [cost + one.0, back + one.1]);
+        let [cost, back] = [cost, back].map(|sum| sum / costs.len() as f32);
+        Match { plane, cost, back, with: costs.iter().map(|one| one.2).sum() }
+    }
+
+    /// Another plane of a pixel by the same photographs; nothing where one does not show it, or its cost and `apart` are not below `least`.
+    fn judge(
+        &self,
+        plane: Plane,
+        at: usize,
+        with: u8,
+        patch: &Patch,
+        [apart, least]: [f32; 2],
+    ) -> Option<Match> {
+        let photographs = || self.sources.iter().enumerate().filter(|(index, _)| with >> index & 1 == 1);
+        let mut shown = [Shown::default(); SOURCES];
+        for (index, source) in photographs() {
+            shown[index] = source.shown(plane, self.pixel(at))?;
         }
-        costs[..count].sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-        let better = &costs[..count.div_ceil(2)];
-        let mean = |part: usize| better.iter().map(|cost| cost[part]).sum::<f32>() / better.len() as f32;
-        Match { plane, cost: mean(0), back: mean(1) }
+        let count = with.count_ones() as f32;
+        let back = shown.iter().map(|shown| shown.back).sum::<f32>() / count;
+        // At least this, whatever the colours are.
+        let mut cost = GEOMETRY * back;
+        for (index, source) in photographs() {
+            if cost + apart >= least {
+                return None;
+            }
+            cost += source.unlikeness(plane, shown[index], patch) / count;
+        }
+        (cost + apart < least).then_some(Match { plane, cost, back, with })
     }
 
     /// The plane through the pixel's depth with the slope of its neighbours of like colour and depth.
@@ -339,20 +383,19 @@ impl<'a> Reference<'a> {
 
     /// The best of a pixel's plane, those of its neighbours, and changes of the best.
     fn improved(&self, matches: &[Match], at: usize, iteration: u64) -> Match {
-        let patch = self.patch(at);
-        let neighbours = self.neighbours(matches, at);
         let mut best = matches[at];
+        if best.with == 0 {
+            return best;
+        }
+        let (patch, neighbours) = (self.patch(at), self.neighbours(matches, at));
         let mut least = best.cost + self.apart(best.plane, at, &neighbours);
         let mut attempt = |plane: Plane, best: &mut Match| {
             if !(plane.w > 0.0 && (plane.w / self.before[at] - 1.0).abs() < RANGE) {
                 return;
             }
             let apart = self.apart(plane, at, &neighbours);
-            if apart < least {
-                let found = self.judge(plane, at, &patch);
-                if found.cost + apart < least {
-                    (least, *best) = (found.cost + apart, found);
-                }
+            if let Some(found) = self.judge(plane, at, best.with, &patch, [apart, least]) {
+                (least, *best) = (found.cost + apart, found);
             }
         };
         // Those beside it and those further away take turns.
@@ -386,8 +429,8 @@ const SMOOTH: [[isize; 2]; 8] = [[-1, 0], [1, 0], [0, -1], [0, 1], [-3, 0], [3, 
 /// The z-depth of `views[0]`, moved by less than 3 % where slanted patches match better there. `depths` are those of all views,
 /// `[height, width]` each, in the unit of the poses, 0 where unknown; the first 8 others are compared.
 ///
-/// The cost of a plane is the mean over the better half of the photographs of \\( 1 - \mathrm{ZNCC} \\), over a patch of 11 x 11 pixels
-/// weighted by colour and distance, plus half the distance there and back over 2 pixels, at most 1; and a tenth of the relative
+/// The cost of a plane is the mean, over the half of the photographs that a pixel's first plane fits best, of \\( 1 - \mathrm{ZNCC} \\) over
+/// a patch of 11 x 11 pixels weighted by colour and distance, plus half the distance there and back over 2 pixels, at most 1; and a tenth of the relative
 /// difference from eight neighbours' planes over .02.
 ///
 /// # Errors
@@ -404,7 +447,7 @@ pub fn refine_by_patches(views: &[PosedView], depths: &[ArrayView2<'_, f32>]) ->
     let pixels = reference.height * reference.width;
     let known = |&at: &usize| reference.before[at] > 0.0;
     let fitted = |at: usize| match known(&at) {
-        true => reference.judge(reference.fitted(at), at, &reference.patch(at)),
+        true => reference.first(at),
         false => Match::default(),
     };
     let first: Vec<Match> = (0..pixels).into_par_iter().map(fitted).collect();
