@@ -66,6 +66,7 @@ impl GaussianDepth {
     }
 
     /// Mean and variance at `(row, column)`; `None` where missing or outside of the map.
+    #[inline]
     pub fn get(&self, row: usize, column: usize) -> Option<(f32, f32)> {
         let variance = *self.variance.get((row, column))?;
         (variance != f32::INFINITY).then(|| (self.mean[(row, column)], variance))

@@ -127,6 +127,7 @@ impl PlaneTransfer {
     }
 
     /// Where column `u`, row `v` at inverse depth `w` >= 0 lands; nothing behind the target.
+    #[inline]
     pub fn at(&self, u: f64, v: f64, w: f64) -> Option<Seen> {
         let p = self.rotation * Vector3::new(u, v, 1.0) + self.translation * w;
         if p.z.is_nan() || p.z <= NEAR {
@@ -137,9 +138,11 @@ impl PlaneTransfer {
     }
 
     /// The nearest target pixel `(row, column)`, where it lies on the image.
+    #[inline]
     pub fn nearest(&self, seen: &Seen) -> Option<(usize, usize)> {
-        let (x, y) = (seen.x.round(), seen.y.round());
-        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
+        // Without the call that rounding is on old processors.
+        let (x, y) = (seen.x + 0.5, seen.y + 0.5);
+        let inside = x > 0.0 && y > 0.0 && x < self.width as f64 && y < self.height as f64;
         inside.then_some((y as usize, x as usize))
     }
 }

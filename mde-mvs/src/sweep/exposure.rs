@@ -20,6 +20,8 @@ use mde_warp::transfer::PlaneTransfer;
 
 /// Fewer pairs than this fit no line.
 const MIN_PAIRS: usize = 64;
+/// More pairs than this are thinned.
+const MAX_PAIRS: usize = 20_000;
 /// Colours this near to 0 or 1 may be clipped.
 const CLIPPED: f64 = 0.02;
 /// Rounds of reweighting.
@@ -71,7 +73,9 @@ pub fn fit_exposure(reference: &PosedView, view: &PosedView, depth: ArrayView2<'
     check_map("depth", depth.dim(), &reference.camera)?;
     let there = carried(reference, view, depth);
     let pair = |((y, x), there): ((usize, usize), &Option<_>)| Some(((*there)?, colour(reference, y, x)));
-    Ok(fit_pairs(&there.indexed_iter().filter_map(pair).collect::<Vec<_>>()))
+    let pairs: Vec<_> = there.indexed_iter().filter_map(pair).collect();
+    let some: Vec<_> = pairs.iter().copied().step_by(pairs.len() / MAX_PAIRS + 1).collect();
+    Ok(fit_pairs(&some))
 }
 
 /// The colours of `view` where the depth of each pixel of the reference lands.
