@@ -109,6 +109,13 @@ pub fn scene_of(
         return Err(Error::Argument(error.clone()));
     }
     unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
+    // Photographs of one lens share their mask.
+    for index in 1..photographs.len() {
+        let (before, rest) = photographs.split_at_mut(index);
+        if rest[0].mask == before[index - 1].mask {
+            rest[0].mask = before[index - 1].mask.clone();
+        }
+    }
     let same = |index: usize| {
         photographs[..index].iter().find(|other| other.image == photographs[index].image).map(|one| &one.name)
     };

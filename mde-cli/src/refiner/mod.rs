@@ -343,7 +343,7 @@ impl<'s> Prepared<'s> {
     pub fn prior_depth(&self) -> Result<Array2<f32>> {
         let reference = self.scene.reference;
         if let Some(depth) = self.several.as_ref().and_then(|several| several.prior_depth(reference)) {
-            return Ok(depth.clone());
+            return Ok(depth.to_owned());
         }
         let image = self.scene.photographs[reference].image.view();
         Ok(self.prior.predict(image)?.to_depth(&self.refiner.settings.config.disparity)?)

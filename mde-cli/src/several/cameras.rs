@@ -9,7 +9,7 @@ use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix6, Point2};
-use ndarray::Array2;
+use ndarray::ArcArray2;
 
 /// A refinement that moves a given pose by more than this share of its distance from the nearest other one contradicts it.
 const MOVED: f64 = 0.5;
@@ -31,7 +31,7 @@ pub(super) struct Posed {
 /// callback counts the pairs of photographs as they are matched.
 pub(super) fn posed(
     scene: &Scene,
-    priors: &[Option<Array2<f32>>],
+    priors: &[Option<ArcArray2<f32>>],
     config: &Config,
     report: &mut CaptureReport,
     matched: &mut mde_mvs::Callback<'_>,
@@ -101,7 +101,7 @@ pub(super) fn posed(
 }
 
 /// The robust factor from the reference's prior to its depths by matches; 1 without any.
-fn unit_of(depths: &[(Point2<f64>, f64)], prior: Option<&Array2<f32>>) -> f64 {
+fn unit_of(depths: &[(Point2<f64>, f64)], prior: Option<&ArcArray2<f32>>) -> f64 {
     let Some(prior) = prior else { return 1.0 };
     let logs = depths.iter().filter_map(|(pixel, depth)| {
         let known = *prior.get((pixel.y.round() as usize, pixel.x.round() as usize)).filter(|z| **z > 0.0)?;

@@ -23,7 +23,7 @@ use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views, sharpness};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
-use ndarray::{Array2, Array3, ArrayView2, Zip};
+use ndarray::{ArcArray2, Array2, Array3, ArrayView2, Zip};
 use rayon::prelude::*;
 
 /// A capture after the stages that its photographs share: predictions of the prior, poses, and plane sweeps, each computed when a
@@ -34,7 +34,7 @@ use rayon::prelude::*;
 pub struct PreparedScene<'s> {
     scene: &'s Scene,
     config: &'s Config,
-    priors: Vec<Option<Array2<f32>>>,
+    priors: Vec<Option<ArcArray2<f32>>>,
     /// Nothing where no further photograph has a pose.
     posed: Option<Posed>,
     /// For each posed photograph.
@@ -105,7 +105,7 @@ impl<'s> PreparedScene<'s> {
     }
 
     /// The prior's depth of a photograph, `[height, width]`; 0 where missing.
-    pub fn prior_depth(&self, photograph: usize) -> Option<&Array2<f32>> {
+    pub fn prior_depth(&self, photograph: usize) -> Option<&ArcArray2<f32>> {
         self.priors.get(photograph)?.as_ref()
     }
 
@@ -146,7 +146,7 @@ impl<'s> PreparedScene<'s> {
             let reason = format!("photograph {photograph} of {}", self.priors.len());
             return Err(Error::Capture { reason, remedy: "give the index of one of them" });
         };
-        let prior = prior.clone().ok_or(Error::EmptyPrior)?;
+        let prior = prior.as_ref().ok_or(Error::EmptyPrior)?.to_owned();
         let mut report = self.report.of(self.scene.reference, photograph);
         let config = self.config;
         let iterations = config.refinement.iterations.min(1);
@@ -332,7 +332,7 @@ impl<'s> PreparedScene<'s> {
 }
 
 /// The scale by the points that the capture's reference shows.
-fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<Array2<f32>>]) -> Result<Option<Scale>> {
+fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<ArcArray2<f32>>]) -> Result<Option<Scale>> {
     let reference = scene.reference;
     let (Some(pose), Some(prior)) = (scene.photographs[reference].pose, &priors[reference]) else {
         return Ok(None);
@@ -356,7 +356,7 @@ fn candidate(plan: &Planned, posed: &Posed) -> Option<Candidate> {
 }
 
 /// The best photographs for each by parallax, overlap and sharpness.
-fn plan(posed: &Posed, priors: &[Option<Array2<f32>>], config: &Config) -> Result<Vec<Planned>> {
+fn plan(posed: &Posed, priors: &[Option<ArcArray2<f32>>], config: &Config) -> Result<Vec<Planned>> {
     let max_views = config.multi_view.max_views.saturating_sub(1);
     let sharpness = sharpness(&posed.views);
     let of = |place: usize| {

@@ -2,6 +2,7 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::refinement::check_prior;
 use crate::refinement::stages::Stages;
 use crate::scene::Scene;
 use crate::several::cameras::Posed;
@@ -9,7 +10,7 @@ use mde_prior::predict_each;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use mde_warp::{WarpConfig, forward_warp};
-use ndarray::Array2;
+use ndarray::{ArcArray2, Array2};
 use std::ops::ControlFlow;
 
 /// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map. As many run at
@@ -19,38 +20,50 @@ pub(super) fn predict(
     stages: &Stages<'_>,
     config: &Config,
     mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
-) -> Result<Vec<Option<Array2<f32>>>> {
+) -> Result<Vec<Option<ArcArray2<f32>>>> {
     let prior = stages.prior;
     let count = scene.photographs.len();
     let every = prior.accepts_new_images();
     let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.reference).collect();
     let images: Vec<_> = wanted.iter().map(|&index| scene.photographs[index].image.view()).collect();
-    let mut predictions = Vec::with_capacity(images.len());
+    let (mut depths, mut done, mut fault) = (vec![None; count], 0, None);
     let flow = predict_each(prior, &images, stages.at_once, |prediction| {
-        predictions.push(prediction);
-        progress(predictions.len(), images.len())
-    })?;
-    if flow.is_break() {
-        return Err(Error::Interrupted);
-    }
-    let mut depths = vec![None; count];
-    for ((&index, image), prediction) in wanted.iter().zip(&images).zip(predictions) {
+        let (index, image) = (wanted[done], images[done]);
+        done += 1;
         let factor = stages.factors.get(index).copied().unwrap_or(1.0);
-        let depth = prediction.to_depth(&config.disparity)?.mapv(|z| factor * z);
-        match crate::refinement::check_prior(depth.view(), image.view()) {
-            Ok(()) => depths[index] = Some(depth),
-            Err(error) if index == scene.reference => return Err(error),
+        let depth = prediction.to_depth(&config.disparity).map(|depth| depth.mapv_into(|z| factor * z));
+        let checked = depth.map_err(Error::from).and_then(|depth| {
+            check_prior(depth.view(), image)?;
+            Ok(depth)
+        });
+        match checked {
+            Ok(depth) => depths[index] = Some(shared(depth, &depths[..index])),
+            Err(error) if index == scene.reference => {
+                fault = Some(error);
+                return ControlFlow::Break(());
+            }
             // The reference's depth takes its place.
             Err(_) => {}
         }
+        progress(done, images.len())
+    })?;
+    match (fault, flow) {
+        (Some(error), _) => Err(error),
+        (None, ControlFlow::Break(())) => Err(Error::Interrupted),
+        (None, ControlFlow::Continue(())) => Ok(depths),
     }
-    Ok(depths)
+}
+
+/// A depth, in the memory of the one before it where they are the same, as without a network.
+fn shared(depth: Array2<f32>, before: &[Option<ArcArray2<f32>>]) -> ArcArray2<f32> {
+    let same = before.iter().rev().flatten().next().filter(|other| **other == depth);
+    same.cloned().unwrap_or_else(|| depth.into_shared())
 }
 
 /// The prior of a posed view in the unit of the poses. One without a prediction has the reference's, warped, or where that shows nothing of
 /// it, the reference's median everywhere.
-pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<Array2<f32>>], view: usize) -> Array2<f32> {
-    let scaled = |depth: &Array2<f32>| depth.mapv(|z| (f64::from(z) * posed.unit) as f32);
+pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<ArcArray2<f32>>], view: usize) -> Array2<f32> {
+    let scaled = |depth: &ArcArray2<f32>| depth.mapv(|z| (f64::from(z) * posed.unit) as f32);
     let (from, to) = (&posed.views[0], &posed.views[view]);
     if let Some(depth) = &priors[posed.order[view]] {
         return scaled(depth);
