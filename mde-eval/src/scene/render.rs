@@ -5,7 +5,8 @@ use super::noise::lattice;
 use super::solid::{Body, Contact, Ray, Vector};
 use super::texture::Colour;
 use mde_warp::{PinholeCamera, Pose};
-use ndarray::{Array3, indices, s};
+use ndarray::{Array3, indices};
+use rayon::prelude::*;
 
 /// Rays a pixel has along each side.
 const GRID: usize = 3;
@@ -59,11 +60,13 @@ impl World {
     /// The image, `[height, width, 3]`, sRGB in 0 to 1.
     pub(super) fn image(&self, camera: &PinholeCamera, eye: &Eye) -> Array3<f32> {
         let mut image = Array3::zeros((camera.height, camera.width, 3));
-        for (y, x) in indices(camera.dim()) {
-            let light = self.pixel(camera, eye, x, y) * self.exposure;
-            let pixel = image.slice_mut(s![y, x, ..]);
-            pixel.into_iter().zip(&light).for_each(|(value, light)| *value = encode(*light));
-        }
+        let mut rows: Vec<_> = image.outer_iter_mut().enumerate().collect();
+        rows.par_iter_mut().for_each(|(y, row)| {
+            for (x, mut pixel) in row.outer_iter_mut().enumerate() {
+                let light = self.pixel(camera, eye, x, *y) * self.exposure;
+                pixel.iter_mut().zip(&light).for_each(|(value, light)| *value = encode(*light));
+            }
+        });
         image
     }
 
