@@ -146,7 +146,7 @@ Output: that of mde refine, and photographs/, from which it can be repeated:
 )]
 pub(crate) struct DemoArgs {
     /// Size of the room's image, pixels
-    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "480x360", value_parser = size)]
     pub(crate) size: [usize; 2],
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
