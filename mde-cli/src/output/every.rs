@@ -1,7 +1,7 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
 use crate::error::Result;
-use crate::output::export::{Format, RefinedView, colmap, transforms};
+use crate::output::export::{Format, Placed, colmap, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
@@ -138,19 +138,23 @@ impl PhotographRow {
 }
 
 /// Writes `transforms.json` of all, `cloud.ply` of the points that two photographs confirm, and the formats of `export` that are of a whole
-/// capture; the number of points.
+/// capture; the number of points. The `maps` of the cloud and the formats may be smaller than those in the folders.
 ///
 /// # Errors
 /// [`Error::Prior`](crate::error::Error::Prior) or [`Error::External`](crate::error::Error::External) for a file that can't be written.
-pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &[Format]) -> Result<usize> {
-    transforms::write(&folder.join(transforms::FILE), views)?;
-    let maps: Vec<DepthView<'_>> = views.iter().map(|view| view.map).collect();
-    let points = consistent_points(&maps);
+pub fn write_all(
+    folder: &Path,
+    (placed, maps): (&[Placed<'_>], &[DepthView<'_>]),
+    unit: &str,
+    export: &[Format],
+) -> Result<usize> {
+    transforms::write(&folder.join(transforms::FILE), placed)?;
+    let points = consistent_points(maps);
     if export.contains(&Format::ColmapDense) {
-        colmap::write_dense(folder, views, &points)?;
+        colmap::write_dense(folder, (placed, maps), &points)?;
     }
     if export.contains(&Format::Mesh) {
-        let surface = surface(&maps)?;
+        let surface = surface(maps)?;
         mde_prior::write_atomic(&folder.join(MESHES[0]), &ply::encode_surface(&surface, FRAME, unit))?;
         mde_prior::write_atomic(&folder.join(MESHES[1]), &glb::encode_surface(&surface, unit))?;
     }
@@ -158,7 +162,7 @@ pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &
         0 => "no point is confirmed by two photographs",
         _ => FRAME,
     };
-    mde_prior::write_atomic(&folder.join(CLOUD), &ply::encode_points(&points, &maps, frame, unit))?;
+    mde_prior::write_atomic(&folder.join(CLOUD), &ply::encode_points(&points, maps, frame, unit))?;
     Ok(points.len())
 }
 

@@ -1,7 +1,7 @@
 //! The files of a result.
 
 use crate::error::{Error, Result};
-use crate::output::export::{self, Format, RefinedView, colmap, subfolder, transforms};
+use crate::output::export::{self, Format, Placed, colmap, subfolder, transforms};
 use crate::output::preview::preview;
 use crate::refiner::finish::PICTURES;
 use crate::scene::size::byte;
@@ -128,7 +128,8 @@ impl ResultFiles<'_> {
                 write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, png, unit))?;
             }
             Format::Transforms => {
-                let view = RefinedView { map: view, folder: "", png_scale: self.png.scale };
+                let (camera, pose) = (view.camera, view.pose);
+                let view = Placed { camera, pose, folder: "", png_scale: self.png.scale };
                 transforms::write(&folder.join(transforms::FILE), &[view])?;
             }
             Format::Sigma => {

@@ -183,7 +183,9 @@ impl<'p> Refiner<'p> {
         let pixels = |(height, width)| height as u64 * width as u64;
         let mut swept = 0;
         if photographs > 1 {
-            let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
+            let bytes = |pixels| {
+                scene_bytes(pixels, photographs as u64, self.priors(photographs), threads as u64, config)
+            };
             limit.check(name, at, bytes)?;
             swept = bytes(pixels(at));
         }
@@ -193,6 +195,11 @@ impl<'p> Refiner<'p> {
         let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
         let bytes = memory.bytes(pixels(at), parallel_predictions as u64).max(swept);
         Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
+    }
+
+    /// Different priors of that many photographs: without a network all have the same.
+    pub(crate) fn priors(&self, photographs: usize) -> u64 {
+        if self.origin().form == PriorForm::Nothing { 1 } else { photographs as u64 }
     }
 
     /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. An unknown camera is the network's.

@@ -28,8 +28,7 @@ use std::io::{self, ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
 use crate::centre;
-use crate::cloud::DepthView;
-use mde_warp::{Pose, PosedView};
+use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion};
 use ndarray::ArrayView3;
 
@@ -67,10 +66,10 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of a depth map, whose photograph is in that file and has no distortion.
-    pub fn of_view(view: &DepthView<'_>, photograph: impl Into<PathBuf>) -> Self {
-        let lens = Lens { camera: view.camera, distortion: Distortion::default() };
-        Self { photograph: photograph.into(), lens, pose: view.pose }
+    /// Without distortion.
+    pub fn new(camera: PinholeCamera, pose: Pose, photograph: impl Into<PathBuf>) -> Self {
+        let lens = Lens { camera, distortion: Distortion::default() };
+        Self { photograph: photograph.into(), lens, pose }
     }
 
     /// The view of a decoded photograph, sRGB in [0, 1], `[height, width, 3]`, without distortion.

@@ -23,7 +23,7 @@ pub fn colmap_view(view: &DepthView<'_>, photograph: &str) -> [(&'static str, St
         let (position, colour) = (view.point(row, column)?, view.colour(row, column));
         Some(ColmapPoint { position, colour, seen: vec![(0, pixel)] })
     });
-    colmap_text(&[Frame::of_view(view, photograph)], &points.collect::<Vec<_>>())
+    colmap_text(&[Frame::new(view.camera, view.pose, photograph)], &points.collect::<Vec<_>>())
 }
 
 /// The files of a dense workspace for COLMAP's `stereo_fusion`, given to `write` by their paths within it: poses, depths, normals, and about
@@ -42,7 +42,7 @@ pub fn colmap_workspace<E: Send>(
         write(&format!("stereo/depth_maps/{name}.geometric.bin"), &colmap_map(depth.view()))?;
         write(&format!("stereo/normal_maps/{name}.geometric.bin"), &colmap_map(normal.view()))
     })?;
-    let frames: Vec<_> = views.iter().map(|(view, name)| Frame::of_view(view, name)).collect();
+    let frames: Vec<_> = views.iter().map(|(view, name)| Frame::new(view.camera, view.pose, name)).collect();
     for (name, text) in colmap_text(&frames, &tracks(views, points)) {
         // The second is where trainers of splats look.
         for folder in ["sparse", "sparse/0"] {

@@ -9,7 +9,7 @@ use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use mde_cli::output::every::write_all;
-use mde_cli::output::export::{Format, RefinedView};
+use mde_cli::output::export::{self, Format};
 use mde_cli::output::files::{self, Beside, ResultFiles};
 use mde_cli::output::folder;
 use mde_cli::prior::origin::METRES;
@@ -135,10 +135,12 @@ pub(crate) fn save_all(
             sigma: one.sigma.as_array(),
         };
         let png_scale = DepthPng::new(unit, depth.iter().copied()).scale;
-        Ok(RefinedView { map, folder: &one.folder, png_scale })
+        let (camera, pose) = (map.camera, map.pose);
+        Ok((export::Placed { camera, pose, folder: &one.folder, png_scale }, map))
     });
-    let views = views.collect::<Result<Vec<_>>>().map_err(raise)?;
-    py.detach(|| write_all(&folder, &views, unit, &formats)).map_err(raise)
+    let (placed, maps): (Vec<_>, Vec<_>) =
+        views.collect::<Result<Vec<_>>>().map_err(raise)?.into_iter().unzip();
+    py.detach(|| write_all(&folder, (&placed, &maps), unit, &formats)).map_err(raise)
 }
 
 /// Gives a finished folder the name of another, which is removed: in one exchange where the file system can.

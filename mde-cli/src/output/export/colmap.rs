@@ -1,6 +1,6 @@
 //! COLMAP's models: of one photograph with a thinned cloud, and the dense workspace of a capture.
 
-use super::{IMAGE, RefinedView, subfolder};
+use super::{IMAGE, Placed, subfolder};
 use crate::error::Result;
 use mde_mvs::capture::{colmap_view, colmap_workspace};
 use mde_mvs::cloud::{ConsistentPoint, DepthView};
@@ -26,15 +26,16 @@ pub(crate) fn write(folder: &Path, view: &DepthView<'_>) -> Result<()> {
 /// Steps of an inverse depth in trainers of splats.
 const STEPS: f64 = 65536.0;
 
-/// Writes the workspace: the photographs as they were refined, named after their folders, their poses, depths and normals, and a subset of
-/// the `points`; for trainers of splats also the inverse depths of sure pixels in 16 bits and the factor that they share.
+/// Writes the workspace: the photographs of the `maps`, named after their folders, their poses, depths and normals, and a subset of the
+/// `points`; for trainers of splats also the inverse depths of sure pixels in 16 bits and the factor that they share.
 pub(crate) fn write_dense(
     folder: &Path,
-    views: &[RefinedView<'_>],
+    (placed, maps): (&[Placed<'_>], &[DepthView<'_>]),
     points: &[ConsistentPoint],
 ) -> Result<()> {
     let images = subfolder(folder, "colmap/images")?;
-    let views: Vec<_> = views.iter().map(|view| (view.map, format!("{}.png", view.folder))).collect();
+    let names = placed.iter().map(|placed| format!("{}.png", placed.folder));
+    let views: Vec<_> = maps.iter().copied().zip(names).collect();
     let depths = subfolder(folder, "colmap/depths")?;
     let inverse = |view: &DepthView<'_>| {
         Array2::from_shape_fn(view.depth.dim(), |at| view.sure(at).map_or(0.0, |[z, _]| z.recip()))

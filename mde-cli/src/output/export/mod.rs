@@ -4,16 +4,18 @@ pub mod colmap;
 pub mod transforms;
 
 use crate::error::{Error, Result};
-use mde_mvs::cloud::DepthView;
+use mde_warp::{PinholeCamera, Pose};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// A refined photograph with its pose, and where its files are.
+/// Where a refined photograph was taken, and where its files are.
 #[derive(Debug, Clone, Copy)]
-pub struct RefinedView<'v> {
-    /// Image, camera, pose and depth.
-    pub map: DepthView<'v>,
+pub struct Placed<'v> {
+    /// The camera of its maps.
+    pub camera: PinholeCamera,
+    /// World to camera, in the unit of its depth.
+    pub pose: Pose,
     /// The folder of its files, from that of the files of all; empty where they are the same.
     pub folder: &'v str,
     /// Steps per unit of its `depth.png`.

@@ -1,6 +1,6 @@
 //! `transforms.json` of photographs with their depth, as nerfstudio's data parser reads it.
 
-use super::{IMAGE, RefinedView};
+use super::{IMAGE, Placed};
 use crate::error::Result;
 use mde_mvs::capture::{Frame, transforms_json};
 use mde_prior::format::MILLIMETRES;
@@ -10,12 +10,13 @@ use std::path::Path;
 pub const FILE: &str = "transforms.json";
 
 /// Cameras, poses, depths, sigmas and confidences. Depth is the PNG: nerfstudio takes thousandths of the poses' unit, in NumPy files too.
-pub(crate) fn write(path: &Path, views: &[RefinedView<'_>]) -> Result<()> {
-    let file = |view: &RefinedView<'_>, name: &str| match view.folder {
+pub(crate) fn write(path: &Path, views: &[Placed<'_>]) -> Result<()> {
+    let file = |view: &Placed<'_>, name: &str| match view.folder {
         "" => name.to_owned(),
         folder => format!("{folder}/{name}"),
     };
-    let frames: Vec<Frame> = views.iter().map(|view| Frame::of_view(&view.map, file(view, IMAGE))).collect();
+    let frame = |view: &Placed<'_>| Frame::new(view.camera, view.pose, file(view, IMAGE));
+    let frames: Vec<Frame> = views.iter().map(frame).collect();
     let text = transforms_json(&frames, Path::new(""), |index| {
         let view = &views[index];
         let other = Some(view.png_scale).filter(|scale| *scale != MILLIMETRES);

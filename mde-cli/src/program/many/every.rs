@@ -3,22 +3,23 @@
 use crate::output::every::{CLOUD, EveryRecord, MESHES, PhotographRow, write_all};
 use crate::output::export::colmap::FOLDER as WORKSPACE;
 use crate::output::export::transforms::FILE as TRANSFORMS;
-use crate::output::export::{Format, RefinedView};
+use crate::output::export::{Format, Placed};
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
 use crate::program::many::{finish, finished, mark};
 use crate::program::report::{INDEX, every_page};
 use crate::program::store::{OpenFolder, OutputFolder, RECORD};
 use crate::program::{DenseArgs, Job, Progress, about, interrupt, intervals, message, number, write_json};
-use crate::refiner::Plan;
-use crate::refiner::plan::gathered_bytes;
+use crate::refiner::plan::{MOST_GATHERED, gathered_bytes};
+use crate::refiner::{Observer, Plan};
 use crate::scene::{Photograph, Scene};
 use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::COLMAP_FUSION;
 use mde_mvs::cloud::DepthView;
 use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
-use ndarray::Array2;
+use mde_prior::resample::{nearest, shrink};
+use ndarray::{Array2, CowArray};
 use serde_json::json;
 use std::fs;
 use std::path::Path;
@@ -43,7 +44,8 @@ pub(crate) fn run(
 ) -> Result<()> {
     let settings = job.refiner.settings();
     let (size, count) = (scene.photographs.first().map(Photograph::size), scene.photographs.len());
-    let gathered = |pixels| gathered_bytes(pixels, count as u64, job.export.contains(&Format::Mesh));
+    let priors = job.refiner.priors(count);
+    let gathered = |pixels| gathered_bytes(pixels, count as u64, priors, job.export.contains(&Format::Mesh));
     settings.memory.check(&format!("{count} photographs"), size.unwrap_or_default(), gathered)?;
     let _folder = OpenFolder::open(output, args.shard.is_some())?;
     // What is made of all photographs changes none of them.
@@ -104,15 +106,35 @@ pub(crate) fn run(
         return finish(&rows, output, None, &Document::default(), &more, json!({}), progress);
     }
     rows.extend(scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error)));
-    let maps = placed.iter().map(|(index, ..)| maps(&output.join(&folders[*index])));
-    let maps = maps.collect::<Result<Vec<_>>>()?;
-    let views = placed.iter().zip(&maps).map(|(&(index, camera, pose), (depth, sigma, png_scale))| {
-        let image = scene.photographs[index].image.view();
-        let map = DepthView { image, camera, pose, depth: depth.view(), sigma: sigma.view() };
-        RefinedView { map, folder: &folders[index], png_scale: *png_scale }
+    let pixels: usize = placed.iter().map(|(_, camera, _)| camera.width * camera.height).sum();
+    let share = (pixels as f64 / MOST_GATHERED).sqrt().max(1.0);
+    if share > 1.0 {
+        let [all, most] = [pixels as f64, MOST_GATHERED].map(|pixels| pixels / 1e6);
+        progress.warn(format!(
+            "the photographs have {all:.0} million pixels; {CLOUD} and the exports of all are made of {most:.0} million"
+        ));
+    }
+    let small = |side: usize| ((side as f64 / share) as usize).max(1);
+    let (mut positions, mut gathered) = (Vec::new(), Vec::new());
+    for &(index, camera, pose) in &placed {
+        let (folder, size) = (output.join(&folders[index]), (small(camera.height), small(camera.width)));
+        let png_scale = png_scale(&folder)?;
+        positions.push(Placed { camera, pose, folder: &folders[index], png_scale });
+        let [depth, sigma] = ["depth.npy", "sigma.npy"].map(|name| map(&folder.join(name), size));
+        let image = &scene.photographs[index].image;
+        let image =
+            if share > 1.0 { shrink(image.view(), size).into() } else { CowArray::from(image.view()) };
+        gathered.push((image, camera.resized(size.1, size.0)?, depth?, sigma?));
+    }
+    let views = gathered.iter().zip(&positions).map(|((image, camera, depth, sigma), placed)| DepthView {
+        image: image.view(),
+        camera: *camera,
+        pose: placed.pose,
+        depth: depth.view(),
+        sigma: sigma.view(),
     });
     let views: Vec<_> = views.collect();
-    let points = write_all(output, &views, prepared.unit(), job.export)?;
+    let points = write_all(output, (&positions, &views), prepared.unit(), job.export)?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(output, &rows)?.as_bytes())?;
     let input = args.capture.display().to_string();
     let Some(several) = prepared.several() else {
@@ -136,14 +158,17 @@ pub(crate) fn run(
     finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)
 }
 
-/// Depth, sigma and the scale of `depth.png` in the folder of a photograph; not all are in memory before.
-fn maps(folder: &Path) -> Result<(Array2<f32>, Array2<f32>, f64)> {
-    let map = |name: &str| read_values(folder.join(name), &ReadOptions::default());
-    let scale = match png_content(folder.join("depth.png"))? {
+/// A map of the folder of a photograph, at that size.
+fn map(path: &Path, size: (usize, usize)) -> Result<Array2<f32>> {
+    Ok(nearest(read_values(path, &ReadOptions::default())?.view(), size))
+}
+
+/// Steps of `depth.png` in the folder of a photograph.
+fn png_scale(folder: &Path) -> Result<f64> {
+    Ok(match png_content(folder.join("depth.png"))? {
         Some(PngContent::Depth { scale, .. }) => scale,
         _ => MILLIMETRES,
-    };
-    Ok((map("depth.npy")?, map("sigma.npy")?, scale))
+    })
 }
 
 fn table(rows: &[PhotographRow]) -> Table {

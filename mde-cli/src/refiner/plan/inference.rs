@@ -3,7 +3,7 @@
 use crate::config::Config;
 use crate::error::Result;
 use crate::refiner::MemoryLimit;
-use crate::refiner::plan::{MIB, PHOTOGRAPH, PROGRAM, refine_bytes};
+use crate::refiner::plan::{MIB, PROGRAM, held, refine_bytes};
 use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};
 
@@ -55,7 +55,7 @@ impl<'c> PhotographMemory<'c> {
             held: match photographs {
                 0 | 1 if full == at => 0.0,
                 0 | 1 => FULL * pixels(full),
-                _ => PHOTOGRAPH * photographs as f64 * pixels(at),
+                _ => held(photographs as u64, photographs as u64) * pixels(at),
             },
         }
     }
@@ -131,7 +131,7 @@ mod tests {
             |photographs, threads| PhotographMemory::new(&config, &network(0), [at; 2], photographs, threads);
         let one = several(1, 8);
         assert_eq!([one, several(5, 8), several(5, 2), several(0, 2)].map(|m| m.most), [1, 5, 2, 1]);
-        assert_eq!(several(5, 2).bytes(9, 2) - one.bytes(9, 2), 5 * PHOTOGRAPH as u64 * 480 * 640);
+        assert_eq!(several(5, 2).bytes(9, 2) - one.bytes(9, 2), held(5, 5) as u64 * 480 * 640);
         assert_eq!(several(usize::MAX, 2).bytes(u64::MAX, u64::MAX), u64::MAX);
 
         let mut config = config.clone();

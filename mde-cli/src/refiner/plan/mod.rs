@@ -20,10 +20,14 @@ const PIXEL: f64 = 220.0;
 const VIEW: f64 = 25.0;
 /// Bytes per pixel and rendered view: depth and variance, before and after reprojection.
 const RENDERED: f64 = 16.0;
-/// Bytes per pixel and photograph of a capture: colours and mask, which views share, and the prior.
-const PHOTOGRAPH: f64 = 13.0 + 4.0;
-/// Bytes per pixel and photograph of the files of all: its depth and sigma, the points, and what confirmed them.
+/// Bytes per pixel and photograph of a capture: colours, which its views share.
+const PHOTOGRAPH: f64 = 12.0;
+/// Bytes per pixel of a photograph's prior.
+const PRIOR: f64 = 4.0;
+/// Bytes per pixel that the files of all are made of: depth and sigma, the points, and what confirmed them.
 const GATHERED: f64 = 26.0;
+/// Pixels that the files of all are made of at most: their points can still be looked at.
+pub(crate) const MOST_GATHERED: f64 = 6e7;
 /// Bytes of the voxels and triangles of one surface, at any size.
 const SURFACE: f64 = 170.0 * MIB;
 /// Bytes per pixel of a photograph whose features are searched for: scale spaces at twice its size.
@@ -43,22 +47,29 @@ pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     (PROGRAM + pixels as f64 * pixel_bytes(config) + config.nerf.fit_bytes()) as u64
 }
 
-/// Estimate of the bytes that [`refine_several`](crate::several::refine_several) needs for that many photographs of that many pixels on that
-/// many threads. For 3, 5 and 8 photographs of 640x480 on two threads it is 1.05 to 1.10 times the measured peak, with the inference of a
+/// Estimate of the bytes that [`refine_several`](crate::several::refine_several) needs for that many photographs of that many pixels, with so
+/// many different priors, on that many threads. For 3, 5 and 8 photographs of 640x480 on two threads it is 1.05 to 1.10 times the measured peak, with the inference of a
 /// network of 5 MB. What the fit copies takes memory that the sweeps have freed.
-pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config) -> u64 {
+pub fn scene_bytes(pixels: u64, photographs: u64, priors: u64, threads: u64, config: &Config) -> u64 {
     let used = photographs.min(config.multi_view.max_views as u64);
     let sweeps = sweeps_bytes(pixels, photographs, used) as f64;
     let fit = if config.refinement.iterations > 0 { config.nerf.fit_bytes() } else { 0.0 };
-    let pixel = PHOTOGRAPH * photographs as f64 + FEATURES * threads.min(photographs) as f64;
+    let pixel = held(photographs, priors) + FEATURES * threads.min(photographs) as f64;
     (BASE + pixels as f64 * pixel + sweeps.max(fit)) as u64
 }
 
 /// Estimate of the bytes that the files of all photographs of a capture need, once each is refined, with one surface or without. For 15
 /// photographs of 320x240 it is 1.0 times the measured peak with and without the surface.
-pub fn gathered_bytes(pixels: u64, photographs: u64, surface: bool) -> u64 {
-    let maps = (PHOTOGRAPH + GATHERED) * photographs as f64 * pixels as f64;
-    (BASE + maps + if surface { SURFACE } else { 0.0 }) as u64
+pub fn gathered_bytes(pixels: u64, photographs: u64, priors: u64, surface: bool) -> u64 {
+    let all = photographs as f64 * pixels as f64;
+    // Smaller photographs stand beside their own.
+    let maps = if all > MOST_GATHERED { (GATHERED + PHOTOGRAPH) * MOST_GATHERED } else { GATHERED * all };
+    (BASE + held(photographs, priors) * pixels as f64 + maps + if surface { SURFACE } else { 0.0 }) as u64
+}
+
+/// Bytes per pixel of the photographs and the priors of a capture.
+fn held(photographs: u64, priors: u64) -> f64 {
+    PHOTOGRAPH * photographs as f64 + PRIOR * priors as f64
 }
 
 fn pixel_bytes(config: &Config) -> f64 {
@@ -143,6 +154,7 @@ pub fn most_pixels(bound: u64, bytes: impl Fn(u64) -> u64) -> Option<u64> {
 mod tests {
     use super::*;
     use crate::config::Preset;
+    use crate::refiner::MemoryLimit;
 
     #[test]
     fn the_estimate_grows_with_everything_and_never_overflows() {
@@ -160,23 +172,31 @@ mod tests {
     #[test]
     fn photographs_threads_and_pixels_take_more() {
         let config = Preset::MultiView.config();
-        let bytes = |pixels, photographs, threads| scene_bytes(pixels, photographs, threads, &config);
+        let bytes =
+            |pixels, photographs, threads| scene_bytes(pixels, photographs, photographs, threads, &config);
         let pixels = 640 * 480;
         assert!(bytes(pixels, 5, 2) < 1 << 30 && bytes(pixels, 3, 2) < bytes(pixels, 5, 2));
         assert!(bytes(pixels, 5, 1) < bytes(pixels, 5, 2) && bytes(pixels, 5, 9) == bytes(pixels, 5, 5));
         // Of a long capture, those whose sweeps are not kept are held only, with their small ones.
         let more = |n| bytes(pixels, n + 1, 2) - bytes(pixels, n, 2);
         assert!(more(8) < more(7) && more(24) < more(8));
-        assert_eq!(more(80), PHOTOGRAPH as u64 * pixels + 17 * 160 * 160);
+        assert_eq!(more(80), (PHOTOGRAPH + PRIOR) as u64 * pixels + 17 * 160 * 160);
+        assert_eq!(bytes(pixels, 81, 2) - scene_bytes(pixels, 81, 1, 2, &config), 80 * PRIOR as u64 * pixels);
         assert_eq!(bytes(u64::MAX, 5, 2), u64::MAX);
     }
 
     #[test]
     fn the_files_of_a_capture_take_what_was_measured() {
         for (surface, measured) in [(false, 112.6), (true, 281.2)] {
-            let ratio = gathered_bytes(320 * 240, 15, surface) as f64 / (measured * MIB);
+            let ratio = gathered_bytes(320 * 240, 15, 15, surface) as f64 / (measured * MIB);
             assert!((0.97..1.1).contains(&ratio), "{ratio}");
         }
+        // Of a long capture without a network, at the usual size and limit.
+        let long = [
+            scene_bytes(1_500_000, 300, 1, 2, &Preset::MultiView.config()),
+            gathered_bytes(1_500_000, 300, 1, false),
+        ];
+        assert!(long.iter().all(|bytes| *bytes < MemoryLimit::default().bytes()), "{long:?}");
     }
 
     #[test]
