@@ -102,7 +102,7 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
     assert!(place.has("capture/report.html") && place.has("capture/sigma.npy"));
     if let Some(peak) = record["peak_memory_bytes"].as_u64() {
         let config = Config::with_overrides(Preset::MultiView, &place.text("quick.toml"), "quick").unwrap();
-        let estimate = scene_bytes((SIZE[0] * SIZE[1]) as u64, 4, 2, &config);
+        let estimate = scene_bytes((SIZE[0] * SIZE[1]) as u64, 4, 4, 2, &config);
         assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
     }
     let ratio = median(ratios(place.map("capture/depth.npy").view(), &STUDY.truth)).unwrap();
