@@ -197,9 +197,12 @@ impl<'p> Refiner<'p> {
         Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
     }
 
-    /// Different priors of that many photographs: without a network all have the same.
+    /// Different priors of that many photographs: a map is the reference's alone, and without a prior all have the same.
     pub(crate) fn priors(&self, photographs: usize) -> u64 {
-        if self.origin().form == PriorForm::Nothing { 1 } else { photographs as u64 }
+        match self.origin().form {
+            PriorForm::Map | PriorForm::Nothing => 1,
+            PriorForm::Network | PriorForm::Callable | PriorForm::Simulated => photographs as u64,
+        }
     }
 
     /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. An unknown camera is the network's.

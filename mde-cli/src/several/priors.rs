@@ -78,3 +78,19 @@ pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<ArcArray2<f32>>],
     let warped = warped.map(|warped| warped.depth).filter(|depth| depth.iter().any(|z| *z > 0.0));
     warped.unwrap_or_else(|| Array2::from_elem(to.camera.dim(), middle))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_depths_stand_in_one_memory() {
+        let of = |z: f32, before: &[_]| Some(shared(Array2::from_elem((3, 4), z), before));
+        let mut depths = vec![of(2.0, &[]), None];
+        for (z, same) in [(2.0, true), (3.0, false), (3.0, true)] {
+            depths.push(of(z, &depths));
+            let mut last = depths.iter().rev().flatten().map(|depth| depth.as_ptr());
+            assert_eq!(last.next() == last.next(), same, "{z}");
+        }
+    }
+}

@@ -394,7 +394,9 @@ impl<'a> Reference<'a> {
                 return;
             }
             let apart = self.apart(plane, at, &neighbours);
-            if let Some(found) = self.judge(plane, at, best.with, &patch, [apart, least]) {
+            if apart < least
+                && let Some(found) = self.judge(plane, at, best.with, &patch, [apart, least])
+            {
                 (least, *best) = (found.cost + apart, found);
             }
         };
@@ -429,9 +431,9 @@ const SMOOTH: [[isize; 2]; 8] = [[-1, 0], [1, 0], [0, -1], [0, 1], [-3, 0], [3, 
 /// The z-depth of `views[0]`, moved by less than 3 % where slanted patches match better there. `depths` are those of all views,
 /// `[height, width]` each, in the unit of the poses, 0 where unknown; the first 8 others are compared.
 ///
-/// The cost of a plane is the mean, over the half of the photographs that a pixel's first plane fits best, of \\( 1 - \mathrm{ZNCC} \\) over
-/// a patch of 11 x 11 pixels weighted by colour and distance, plus half the distance there and back over 2 pixels, at most 1; and a tenth of the relative
-/// difference from eight neighbours' planes over .02.
+/// The cost of a plane is the mean, over the half of the photographs that a pixel's first plane fits best, of \\( 1 - \mathrm{ZNCC} \\)
+/// over a patch of 11 x 11 pixels weighted by colour and distance, plus half the distance there and back over 2 pixels, at most 1; and a
+/// tenth of the relative difference from eight neighbours' planes over .02.
 ///
 /// # Errors
 /// [`Error::TooFewViews`] without views or with another number of depths, [`Error::View`] for a map of another size than its camera.
