@@ -13,6 +13,7 @@
 //! is as small as seven times the number of photographs.
 
 mod distortion;
+mod reversal;
 mod triangulation;
 
 use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, is_flat, shared_error_factor};

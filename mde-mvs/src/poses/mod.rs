@@ -134,6 +134,16 @@ impl<'a> FeatureImage<'a> {
         self.features.keypoints[feature].pixel
     }
 
+    /// Logarithms of the prior's depth at the features.
+    fn log_priors(&self) -> Vec<f64> {
+        self.features.keypoints.iter().filter_map(|k| self.log_prior(&k.pixel)).collect()
+    }
+
+    /// Whether the prior has no shape.
+    fn is_flat(&self) -> bool {
+        is_flat(self.log_priors().into_iter())
+    }
+
     /// Logarithm of the prior's depth at the nearest pixel.
     fn log_prior(&self, pixel: &Point2<f64>) -> Option<f64> {
         let prior = self.prior.as_ref()?;
