@@ -15,6 +15,9 @@ use crate::statistics::robust_deviation;
 use crate::sweep::Sweep;
 use crate::sweep::correction::correct;
 
+/// Share of the variance of the prior as it came that stays where a sweep is wrong.
+const DOUBT: f32 = 0.25;
+
 /// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
 /// both are fused by precision, the sweep being right with a probability only.
 pub(super) struct Fused {
@@ -25,6 +28,8 @@ pub(super) struct Fused {
     pub(super) corrected: Array2<f32>,
     /// Share of the variance that the sweep's own is.
     pub(super) ambiguity: Array2<f32>,
+    /// Variance of the logarithm of the corrected prior.
+    pub(super) doubt: Array2<f32>,
 }
 
 impl Fused {
@@ -78,7 +83,9 @@ pub(super) fn fuse(
             continue;
         }
         let (u, s) = (field.mean[at], field.variance[at]);
-        let (mut m, mut v) = (u, s);
+        // Where the sweep is wrong, the prior is no better than it came, whatever the matches about it say.
+        let unmatched = s.max(DOUBT * prior.variance()[at] / p.exp().powi(2));
+        let (mut m, mut v) = (u, unmatched);
         if let Some((z, var)) = known(at.0, at.1) {
             let (r, var) = (residual[at], var / (z * z));
             let total = s + var;
@@ -88,7 +95,7 @@ pub(super) fn fuse(
             let gain = s / total;
             let (m1, v1) = (u + gain * (r - u), gain * var);
             m = probability * m1 + (1.0 - probability) * u;
-            v = probability * (v1 + (m1 - m).powi(2)) + (1.0 - probability) * (s + (u - m).powi(2));
+            v = probability * (v1 + (m1 - m).powi(2)) + (1.0 - probability) * (unmatched + (u - m).powi(2));
             inlier[at] = probability;
             // Of the fused variance (1 - gain)^2 s + gain^2 var.
             ambiguity[at] = if v > 0.0 { (probability * gain * gain * var / v).min(1.0) } else { 0.0 };
@@ -97,7 +104,8 @@ pub(super) fn fuse(
         (mean[at], variance[at]) = (z, z * z * v);
         corrected[at] = (p + u).exp();
     }
-    Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected, ambiguity })
+    let depth = GaussianDepth::new(mean, variance)?;
+    Ok(Fused { depth, inlier, corrected, ambiguity, doubt: field.variance })
 }
 
 /// Factor on the variances, at least 1, that makes them consistent with the differences between photographs.

@@ -22,6 +22,8 @@ const UNKNOWN: f64 = 32.0;
 
 /// The factor about the scaled prior that the first sweeps cover.
 const WIDE: f64 = 3.0;
+/// The same of a prior that is constant, towards the camera: things may stand before it.
+const SHAPELESS: f64 = 12.0;
 /// The factor about the corrected prior that the last sweeps cover.
 const NARROW: f64 = 1.5;
 
@@ -161,7 +163,7 @@ impl Sweeps {
             let visible = self::agreement(&views, &corrected, i, &everyone)?.visible;
             let seen = Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&n, &z| n > 0 && z > 0.0);
             let map = fuse(views[i], prior, sweep, &chance, NARROW)?;
-            let map = map.without_unseen(&seen, prior)?;
+            let map = map.without_unseen(&seen, &fine[i].prior)?;
             let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
             let verified = confirmed as f32 / agreement.agree.len() as f32;
             Ok((map, agreement, verified))
@@ -194,12 +196,13 @@ impl Sweeps {
         let factor = self.scale.map_or(0.0, |s| s.log_scale).exp() as f32;
         let of = |i: usize| -> Result<Coarse> {
             let scaled = self.priors[i].mapv(|z| factor * z);
-            let around = Surfaces::Around { depth: scaled.view(), factor: WIDE };
-            let wide = sweep(&self.small, i, &self.sources[i], around)?;
             // From the nearest that the prior may mean to infinity.
             let mut known: Vec<f64> = scaled.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
-            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / WIDE;
+            let shapeless = known.iter().all(|z| (z / known[0] - 1.0).abs() < 1e-3);
+            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / if shapeless { SHAPELESS } else { WIDE };
             let planes = Surfaces::Planes { near, far: f64::INFINITY };
+            let around = Surfaces::Around { depth: scaled.view(), factor: WIDE };
+            let wide = sweep(&self.small, i, &self.sources[i], around)?;
             Ok(Coarse { wide, whole: sweep(&self.small, i, &self.sources[i], planes)? })
         };
         let missing: Vec<usize> = needed.into_iter().filter(|i| !self.coarse.contains_key(i)).collect();
@@ -240,10 +243,10 @@ impl Sweeps {
         let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
         let around = Surfaces::Around { depth: centre.view(), factor: NARROW };
         let sweep = sweep(views, view, &self.sources[view], around)?;
+        let doubt = enlarge(&fused.doubt, h, w);
         let variance = Zip::from(&centre)
-            .and(prior.mean())
-            .and(prior.variance())
-            .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
+            .and(&doubt)
+            .map_collect(|&z, &v| if z > 0.0 { v * z * z } else { f32::INFINITY });
         Ok(Fine { prior, corrected: GaussianDepth::new(centre, variance)?, sweep })
     }
 }
