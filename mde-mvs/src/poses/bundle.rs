@@ -16,8 +16,8 @@ mod distortion;
 mod reversal;
 mod triangulation;
 
-use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, is_flat, shared_error_factor};
-use crate::statistics::robust_deviation;
+use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, shared_error_factor};
+use crate::statistics::{is_flat, robust_deviation};
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use nalgebra::{

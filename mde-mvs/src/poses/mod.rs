@@ -88,11 +88,6 @@ const MAX_FEATURES: usize = 3000;
 /// The same in a long capture, whose given poses need fewer: matching takes the square of them.
 const MAX_FEATURES_OF_MANY: usize = 1500;
 
-/// Whether all logarithms of a prior are the same.
-fn is_flat(mut logs: impl Iterator<Item = f64>) -> bool {
-    logs.next().is_none_or(|first| logs.all(|log| (log - first).abs() < 1e-6))
-}
-
 /// Root of the number of matches that share an error.
 fn shared_error_factor(matches: usize) -> f64 {
     (matches as f64 / REGIONS).max(1.0).sqrt()
@@ -132,16 +127,6 @@ impl<'a> FeatureImage<'a> {
 
     fn pixel(&self, feature: usize) -> Point2<f64> {
         self.features.keypoints[feature].pixel
-    }
-
-    /// Logarithms of the prior's depth at the features.
-    fn log_priors(&self) -> Vec<f64> {
-        self.features.keypoints.iter().filter_map(|k| self.log_prior(&k.pixel)).collect()
-    }
-
-    /// Whether the prior has no shape.
-    fn is_flat(&self) -> bool {
-        is_flat(self.log_priors().into_iter())
     }
 
     /// Logarithm of the prior's depth at the nearest pixel.

@@ -240,9 +240,7 @@ impl Capture<'_, '_> {
                 if let Some(share) = share {
                     judged.cameras.poses = refined(share, part(fold, false), &on_trial).cameras.poses;
                 }
-                judged.triangulate();
-                let residuals = judged.residuals();
-                residuals.map(|r| r.map_or(OUTLIER_PIXELS, |r| r.norm().min(OUTLIER_PIXELS))).collect()
+                judged.misses()
             })
             .collect();
         let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();

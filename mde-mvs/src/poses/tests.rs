@@ -206,7 +206,7 @@ fn a_turn_on_the_spot_has_no_parallax() {
     }
     let found = estimate(&turned, 0).photographs;
     for one in &found[1..] {
-        assert!(matches!(one.verdict, Verdict::NoParallax(pixels) if pixels < 2.0), "{}", one.verdict);
+        assert!(matches!(one.verdict, Verdict::NoParallax(pixels) if pixels < 0.6), "{}", one.verdict);
     }
 }
 

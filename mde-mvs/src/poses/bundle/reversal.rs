@@ -55,11 +55,4 @@ impl Bundle {
         grown.triangulate();
         grown
     }
-
-    /// Sum of the squared distances of `tracks` from where they should be, each at the depth that fits it best and at most `limit`.
-    pub(in crate::poses) fn unlikeness(&self, tracks: &[Observed], limit: f64) -> f64 {
-        let mut judged = Self { cameras: self.cameras.clone(), tracks: tracks.to_vec() };
-        judged.triangulate();
-        judged.residuals().map(|r| r.map_or(limit, |r| r.norm().min(limit)).powi(2)).sum()
-    }
 }

@@ -1,6 +1,7 @@
 //! Depths of tracks from their matches, with the poses as they are.
 
 use super::{Bundle, Cameras, INVERSE_DEPTH, Linear, Observed, Seen};
+use crate::poses::OUTLIER_PIXELS;
 use nalgebra::Point2;
 
 /// Gauss-Newton steps of a track's depth.
@@ -10,6 +11,12 @@ impl Bundle {
     /// The depth of every track that fits its matches best.
     pub(in crate::poses) fn triangulate(&mut self) {
         self.tracks.iter_mut().for_each(|track| self.cameras.triangulate(track));
+    }
+
+    /// How far each match is from where its track should be, at the depth that fits that best, pixels; at most what an outlier is.
+    pub(in crate::poses) fn misses(mut self) -> Vec<f64> {
+        self.triangulate();
+        self.residuals().map(|r| r.map_or(OUTLIER_PIXELS, |r| r.norm().min(OUTLIER_PIXELS))).collect()
     }
 }
 

@@ -8,6 +8,7 @@ mod roots;
 
 use super::bundle::{Bundle, Cameras, Lens, Observed};
 use super::{EPIPOLAR_PIXELS, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS};
+use crate::statistics::is_flat;
 use fundamental::{PixelPair, filter};
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -141,8 +142,8 @@ fn from_prior(
     let start = resect(&lifted, &b.lens, ransac)?;
 
     // The matches are those that obey the matrix, right or wrong: a prior that tells shapes apart is the better start.
-    let is_flat = depths.iter().flatten().all(|depth| depths.iter().flatten().next() == Some(depth));
-    let epipolar = matrix.filter(|_| is_flat).and_then(|f| {
+    let flat = is_flat(depths.iter().flatten().copied());
+    let epipolar = matrix.filter(|_| flat).and_then(|f| {
         let (mut pose, depth) = essential::motion(&f, pixels, [&a.lens, &b.lens])?;
         pose.translation.vector *= median(depths.iter().flatten().copied())?.exp() / depth;
         Some((pose, true))

@@ -83,8 +83,8 @@ pub(super) fn fuse(
             continue;
         }
         let (u, s) = (field.mean[at], field.variance[at]);
-        // Where the sweep is wrong, the prior is no better than it came, whatever the matches about it say.
-        let unmatched = s.max(DOUBT * prior.variance()[at] / p.exp().powi(2));
+        // Matches of other pixels make no wrong sweep right: the prior is as doubtful there as it came.
+        let unmatched = s.max(DOUBT * prior.variance()[at] / prior.mean()[at].powi(2));
         let (mut m, mut v) = (u, unmatched);
         if let Some((z, var)) = known(at.0, at.1) {
             let (r, var) = (residual[at], var / (z * z));
@@ -171,6 +171,7 @@ mod tests {
         let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
         let relative = |fused: &Fused, x: usize| fused.depth.get(30, x).map(|(z, v)| v.sqrt() / z).unwrap();
         assert!(relative(&fused, 4) < 0.08, "{}: the test has no effect", relative(&fused, 4));
+        assert!(relative(&fused, 4) > 0.049, "{}: half of the prior's sigma stays", relative(&fused, 4));
         let inside = fused.depth.get(30, 60);
         let found = fused.without_unseen(&seen, &prior).unwrap();
         assert!((relative(&found, 4) - 0.1).abs() < 1e-4, "{}", relative(&found, 4));

@@ -95,8 +95,10 @@ mod tests {
     use super::*;
     use crate::silent;
     use crate::statistics::robust_deviation;
-    use crate::synthetic::room;
+    use crate::synthetic::{Plane, room, scene};
     use mde_uncertainty::random::CounterRng;
+    use mde_uncertainty::statistics::median;
+    use nalgebra::Vector3;
     use ndarray::Zip;
     use rand::RngExt;
 
@@ -120,6 +122,23 @@ mod tests {
         // The same unit given from outside saves the search and changes little.
         let known = reconstruct(&views, &maps, found.scale, &mut silent).unwrap();
         assert!(error(known.views[0].fused.mean(), &depths[0]) < 0.04);
+    }
+
+    /// A floor that begins at a sixth of a constant prior before a wall.
+    #[test]
+    fn near_things_are_found_without_a_prior_s_shape() {
+        let planes = [Plane::slanted(3.0, 0.0, 0.0), Plane { normal: Vector3::y(), offset: 0.2 }];
+        let centres = [[0.0; 3], [0.05, 0.0, 0.0], [-0.05, 0.02, 0.0], [0.02, -0.05, 0.0]];
+        let (views, depths) = scene(&planes, (72, 96), &centres);
+        let prior = Array2::from_elem((72, 96), 3.0_f32);
+        let scale = Scale { log_scale: 0.0, variance: 1e-4, spread: 0.3, matches: 100 };
+        let found = reconstruct(&views, &vec![prior.view(); 4], Some(scale), &mut silent).unwrap();
+        let map = found.views[0].fused.mean();
+        let pairs = map.iter().zip(&depths[0]);
+        let near: Vec<f64> =
+            pairs.filter(|(_, t)| **t < 0.6).map(|(z, t)| f64::from((z / t - 1.0).abs())).collect();
+        let error = median(near.iter().copied()).unwrap();
+        assert!(near.len() > 500 && error < 0.05, "{} {error}", near.len());
     }
 
     /// Nothing in common, nothing gained: the scaled prior comes back.

@@ -11,6 +11,7 @@ use super::chance::{better, chances};
 use super::fuse::{fuse, inflation};
 use super::{Reconstruction, ViewDepth, agreement, matches_of};
 use crate::raster::{enlarge, small_map, small_view};
+use crate::statistics::is_flat;
 use crate::sweep::scale::{Gauge, Scale};
 use crate::sweep::{Surfaces, Sweep, sweep, working_bytes};
 use crate::{Callback, Error, Result, check_map, notify};
@@ -196,13 +197,13 @@ impl Sweeps {
         let factor = self.scale.map_or(0.0, |s| s.log_scale).exp() as f32;
         let of = |i: usize| -> Result<Coarse> {
             let scaled = self.priors[i].mapv(|z| factor * z);
-            // From the nearest that the prior may mean to infinity.
-            let mut known: Vec<f64> = scaled.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
-            let shapeless = known.iter().all(|z| (z / known[0] - 1.0).abs() < 1e-3);
-            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / if shapeless { SHAPELESS } else { WIDE };
-            let planes = Surfaces::Planes { near, far: f64::INFINITY };
             let around = Surfaces::Around { depth: scaled.view(), factor: WIDE };
             let wide = sweep(&self.small, i, &self.sources[i], around)?;
+            // From the nearest that the prior may mean to infinity.
+            let mut known: Vec<f64> = scaled.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
+            let factor = if is_flat(known.iter().map(|z| z.ln())) { SHAPELESS } else { WIDE };
+            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / factor;
+            let planes = Surfaces::Planes { near, far: f64::INFINITY };
             Ok(Coarse { wide, whole: sweep(&self.small, i, &self.sources[i], planes)? })
         };
         let missing: Vec<usize> = needed.into_iter().filter(|i| !self.coarse.contains_key(i)).collect();
