@@ -14,7 +14,8 @@
 //! with the focal length free where it is assumed, has no parallax ([`Verdict::NoParallax`]).
 //!
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
-//! other, and without the prior the result may be off by degrees.
+//! other, and without the prior the result may be off by degrees. Under a constant prior the adjustment starts thrice: from the pairs,
+//! with near and far exchanged, and with each photograph posed anew by the points of those before it; the best fit to all matches is kept.
 //!
 //! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
 //! where matches that had no part in it fit better.
