@@ -15,9 +15,6 @@ use crate::statistics::robust_deviation;
 use crate::sweep::Sweep;
 use crate::sweep::correction::correct;
 
-/// Share of the variance of the prior as it came that stays where a sweep is wrong.
-const DOUBT: f32 = 0.25;
-
 /// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
 /// both are fused by precision, the sweep being right with a probability only.
 pub(super) struct Fused {
@@ -28,8 +25,6 @@ pub(super) struct Fused {
     pub(super) corrected: Array2<f32>,
     /// Share of the variance that the sweep's own is.
     pub(super) ambiguity: Array2<f32>,
-    /// Variance of the logarithm of the corrected prior.
-    pub(super) doubt: Array2<f32>,
 }
 
 impl Fused {
@@ -83,9 +78,7 @@ pub(super) fn fuse(
             continue;
         }
         let (u, s) = (field.mean[at], field.variance[at]);
-        // Matches of other pixels make no wrong sweep right: the prior is as doubtful there as it came.
-        let unmatched = s.max(DOUBT * prior.variance()[at] / prior.mean()[at].powi(2));
-        let (mut m, mut v) = (u, unmatched);
+        let (mut m, mut v) = (u, s);
         if let Some((z, var)) = known(at.0, at.1) {
             let (r, var) = (residual[at], var / (z * z));
             let total = s + var;
@@ -95,7 +88,7 @@ pub(super) fn fuse(
             let gain = s / total;
             let (m1, v1) = (u + gain * (r - u), gain * var);
             m = probability * m1 + (1.0 - probability) * u;
-            v = probability * (v1 + (m1 - m).powi(2)) + (1.0 - probability) * (unmatched + (u - m).powi(2));
+            v = probability * (v1 + (m1 - m).powi(2)) + (1.0 - probability) * (s + (u - m).powi(2));
             inlier[at] = probability;
             // Of the fused variance (1 - gain)^2 s + gain^2 var.
             ambiguity[at] = if v > 0.0 { (probability * gain * gain * var / v).min(1.0) } else { 0.0 };
@@ -104,8 +97,7 @@ pub(super) fn fuse(
         (mean[at], variance[at]) = (z, z * z * v);
         corrected[at] = (p + u).exp();
     }
-    let depth = GaussianDepth::new(mean, variance)?;
-    Ok(Fused { depth, inlier, corrected, ambiguity, doubt: field.variance })
+    Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected, ambiguity })
 }
 
 /// Factor on the variances, at least 1, that makes them consistent with the differences between photographs.
@@ -176,9 +168,5 @@ mod tests {
         assert!((relative(&found, 4) - 0.1).abs() < 1e-4, "{}", relative(&found, 4));
         assert!((found.depth.mean()[(30, 4)] - found.corrected[(30, 4)]).abs() < 1e-6);
         assert_eq!(found.depth.get(30, 60), inside);
-        // Half of the sigma of a prior stays where no match is right, though another photograph sees the point.
-        let prior = GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.09)).unwrap();
-        let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
-        assert!(relative(&fused, 4) > 0.149 && relative(&fused, 60) < 0.01, "{}", relative(&fused, 4));
     }
 }
