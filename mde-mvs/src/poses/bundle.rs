@@ -13,7 +13,7 @@
 //! is as small as seven times the number of photographs.
 
 mod distortion;
-mod reversal;
+mod starts;
 mod triangulation;
 
 use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, shared_error_factor};

@@ -132,7 +132,7 @@ mod tests {
         let (views, depths) = scene(&planes, (72, 96), &centres);
         let prior = Array2::from_elem((72, 96), 3.0_f32);
         let scale = Scale { log_scale: 0.0, variance: 1e-4, spread: 0.3, matches: 100 };
-        let found = reconstruct(&views, &vec![prior.view(); 4], Some(scale), &mut silent).unwrap();
+        let found = reconstruct(&views, &[prior.view(); 4], Some(scale), &mut silent).unwrap();
         let map = found.views[0].fused.mean();
         let pairs = map.iter().zip(&depths[0]);
         let near: Vec<f64> =

@@ -23,8 +23,8 @@ impl Bundle {
         other
     }
 
-    /// Poses each photograph anew, in the order of `rank`, by the points of those before it, the first two and all points excepted: it starts
-    /// where the photograph stands that it was attached to, `from`, and turned as it was towards that one.
+    /// Poses each photograph but the first two anew, in the order of `rank`, by the points of those before it. Its adjustment starts at the
+    /// place of the photograph that it is attached to, `from`, with its rotation towards that one.
     pub(in crate::poses) fn regrown(&self, rank: &[usize], from: &[usize]) -> Self {
         let mut cameras = self.cameras.clone();
         let mut order: Vec<usize> = (0..rank.len()).filter(|&v| rank[v] != usize::MAX).collect();
