@@ -199,10 +199,8 @@ impl<'p> Refiner<'p> {
 
     /// Different priors of that many photographs: a map is the reference's alone, and without a prior all have the same.
     pub(crate) fn priors(&self, photographs: usize) -> u64 {
-        match self.origin().form {
-            PriorForm::Map | PriorForm::Nothing => 1,
-            PriorForm::Network | PriorForm::Callable | PriorForm::Simulated => photographs as u64,
-        }
+        let one = matches!(self.origin().form, PriorForm::Map | PriorForm::Nothing);
+        if one { 1 } else { photographs as u64 }
     }
 
     /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. An unknown camera is the network's.
