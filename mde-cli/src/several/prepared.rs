@@ -262,7 +262,8 @@ impl<'s> PreparedScene<'s> {
         let evidence =
             Evidence::new(&views, &fused, rendered.as_ref().map(|rendered| &rendered.depth), &depth, factor)?;
         if report.fusion.is_none() {
-            depth = result::with_sigma(depth, &mut components, &evidence.sigma_factor())?;
+            let factor = evidence.sigma_factor(&depth, prior.view());
+            depth = result::with_sigma(depth, &mut components, &factor)?;
         }
         report.confirmed = Some(evidence.confirmed_share());
         report.evidence = Some(evidence);

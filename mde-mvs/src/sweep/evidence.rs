@@ -2,9 +2,10 @@
 
 use super::consensus::agreement;
 use crate::Result;
+use crate::statistics::is_flat;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2};
 
 /// Logarithm of the factor on sigma: constant, and per chance that a photograph confirms the depth.
 const CONFIRMED: [f32; 2] = [1.39, -2.05];
@@ -59,13 +60,31 @@ impl Evidence {
         [("origin", self.origin.view()), ("seen", self.seen.view()), ("confirmed", self.confirmed.view())]
     }
 
-    /// Factor on sigma of each pixel: \\( e^{1.39 - 2.05 p} \\) with \\( p = (c + 1) / (n + 2) \\), Laplace's estimate of the chance that a
-    /// further photograph confirms the depth when `c` of the `n` that see the point do. The coefficients give intervals the same coverage
-    /// at every share of such photographs; they are fitted to ten procedural rooms.
-    pub fn sigma_factor(&self) -> Array2<f32> {
+    /// Factor on sigma of each pixel of that `depth`: \\( e^{1.39 - 2.05 p} \\) with \\( p = (c + 1) / (n + 2) \\), Laplace's estimate of the
+    /// chance that a further photograph confirms the depth when `c` of the `n` that see the point do. The coefficients give intervals the
+    /// same coverage at every share of such photographs; they are fitted to ten procedural rooms.
+    ///
+    /// Where the `prior` is the same depth everywhere, nothing is known of a pixel that no photograph confirms but the depths of the others:
+    /// the variance of their logarithms is added to its relative variance.
+    pub fn sigma_factor(&self, depth: &GaussianDepth, prior: ArrayView2<'_, f32>) -> Array2<f32> {
         let [constant, slope] = CONFIRMED;
-        let chance = |confirmed: &f32, seen: &f32| (confirmed + 1.0) / (seen + 2.0);
-        Zip::from(&self.confirmed).and(&self.seen).map_collect(|c, n| (constant + slope * chance(c, n)).exp())
+        let logs = || depth.mean().into_iter().zip(&self.confirmed).filter(|(z, c)| **z > 0.0 && **c > 0.0);
+        let logs = || logs().map(|(z, _)| f64::from(z.ln()));
+        let count = logs().count().max(1) as f64;
+        let mean = logs().sum::<f64>() / count;
+        let flat = is_flat(prior.iter().filter(|z| **z > 0.0).map(|z| f64::from(z.ln())));
+        let spread =
+            if flat { (logs().map(|log| (log - mean).powi(2)).sum::<f64>() / count) as f32 } else { 0.0 };
+        Array2::from_shape_fn(depth.dim(), |at| {
+            let (confirmed, seen) = (self.confirmed[at], self.seen[at]);
+            let factor = (constant + slope * (confirmed + 1.0) / (seen + 2.0)).exp();
+            match depth.get(at.0, at.1) {
+                Some((z, variance)) if confirmed == 0.0 => {
+                    (factor * factor + spread * z * z / variance).sqrt()
+                }
+                _ => factor,
+            }
+        })
     }
 
     /// Share of the pixels with a depth that at least one other photograph confirms.
@@ -80,14 +99,22 @@ mod tests {
     use super::*;
     use ndarray::array;
 
-    /// Six of six, one of one, none seen, none of one, none of six.
+    /// Six of six, one of one, none seen, none of one, none of six; without a prior's shape the last three may have any depth of the others.
     #[test]
     fn sigma_falls_with_the_photographs_that_confirm() {
         let (confirmed, seen) = (array![[6.0, 1.0, 0.0, 0.0, 0.0]], array![[6.0, 1.0, 0.0, 1.0, 6.0]]);
-        let factor = Evidence { origin: Array2::from_elem((1, 5), 2.0), seen, confirmed }.sigma_factor();
-        assert!(factor.iter().zip(factor.iter().skip(1)).all(|(a, b)| a < b), "{factor}");
-        for (found, chance) in factor.iter().zip([7.0 / 8.0, 2.0 / 3.0, 0.5, 1.0 / 3.0, 1.0 / 8.0]) {
-            assert!((found.ln() - (1.39 - 2.05 * chance)).abs() < 1e-6, "{found}");
+        let evidence = Evidence { origin: Array2::from_elem((1, 5), 2.0), seen, confirmed };
+        let depth = array![[1.0, 4.0, 3.0, 3.0, 3.0]];
+        let depth = GaussianDepth::new(depth.clone(), depth.mapv(|z: f32| (0.1 * z).powi(2))).unwrap();
+        let [shaped, flat] = [array![[1.0, 1.0, 2.0, 2.0, 2.0]], array![[2.0; 5]]]
+            .map(|prior: Array2<f32>| evidence.sigma_factor(&depth, prior.view()));
+        assert!(shaped.iter().zip(shaped.iter().skip(1)).all(|(a, b)| a < b), "{shaped}");
+        for (at, chance) in [7.0 / 8.0, 2.0 / 3.0, 0.5, 1.0 / 3.0, 1.0 / 8.0].into_iter().enumerate() {
+            let (shaped, flat) = (shaped[(0, at)], flat[(0, at)]);
+            assert!((shaped.ln() - (1.39 - 2.05 * chance)).abs() < 1e-6, "{shaped}");
+            // Half of the logarithm of 4 over the relative sigma.
+            let added = if at < 2 { 0.0 } else { 2.0_f32.ln() / 0.1 };
+            assert!((flat / shaped.hypot(added) - 1.0).abs() < 1e-5, "{at}: {flat}");
         }
     }
 }

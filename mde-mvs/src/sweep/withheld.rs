@@ -11,6 +11,7 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 use crate::raster::{small_map, small_view};
 use crate::sweep::consensus::{ViewDepth, reconstruct};
+use crate::sweep::cost::NOISE;
 use crate::sweep::edge::colour;
 use crate::sweep::exposure::{carried, fit_exposure};
 use crate::sweep::scale::Scale;
@@ -42,9 +43,10 @@ pub struct WithheldError {
 }
 
 impl WithheldError {
-    /// Whether the reconstruction explains the photograph worse than the prior, by more than two standard errors.
+    /// Whether the reconstruction explains the photograph worse than the prior, by more than two standard errors and than the noise of
+    /// photographs: of a plain wall any depth explains the colours to less than that.
     pub fn is_worse(&self) -> bool {
-        self.found - self.prior > 2.0 * self.deviation
+        self.found - self.prior > f64::from(NOISE).max(2.0 * self.deviation)
     }
 }
 
