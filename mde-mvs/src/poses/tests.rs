@@ -337,25 +337,32 @@ fn a_walk_longer_than_its_depth_keeps_every_photograph() {
     assert!(refined.accepted && after < 0.3 * error(&off), "{after} {}", error(&off));
 }
 
-/// One camera thrown 10 m away, or two exchanged, are left out; the others stay.
+/// One camera thrown 10 m away, or two exchanged, are left out; the others stay. So is one that is too far along the line of all cameras,
+/// where every pair fits by itself.
 #[test]
 fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
     let mut poses = held();
     poses.push(pose_at([-0.3, 0.2, 0.05], [0.04, 0.07, 0.0]));
     poses.push(pose_at([0.35, -0.1, 0.1], [-0.06, -0.05, 0.03]));
-    let scene = scene(&poses);
-    let given = photographs(&scene);
-    let left_out = |poses: &[Pose]| -> Vec<usize> {
-        let found = refine(&given, poses, 0).photographs;
+    let left_out = |given: &[PoseInput<'_>], poses: &[Pose]| -> Vec<usize> {
+        let found = refine(given, poses, 0).photographs;
         (0..found.len()).filter(|&i| !found[i].verdict.has_pose()).collect()
     };
-    assert!(left_out(&poses).is_empty());
+    let held = scene(&poses);
+    let given = photographs(&held);
+    assert!(left_out(&given, &poses).is_empty());
     let mut thrown = poses.clone();
     thrown[1] = Pose::translation(10.0, 0.0, 0.0) * thrown[1];
-    assert_eq!(left_out(&thrown), [1]);
+    assert_eq!(left_out(&given, &thrown), [1]);
     let mut exchanged = poses.clone();
     exchanged.swap(2, 5);
-    assert_eq!(left_out(&exchanged), [2, 5]);
+    assert_eq!(left_out(&given, &exchanged), [2, 5]);
+    let mut line = [0.0, 0.2, -0.2, 0.4, -0.4].map(|x| pose_at([x, 0.0, 0.0], [0.0; 3]));
+    let along = scene(&line);
+    let given = photographs(&along);
+    assert!(left_out(&given, &line).is_empty());
+    line[1] = pose_at([1.5, 0.0, 0.0], [0.0; 3]);
+    assert_eq!(left_out(&given, &line), [1]);
 }
 
 #[test]
