@@ -222,15 +222,16 @@ impl Capture<'_, '_> {
         found
     }
 
-    /// The median over pairs of the median depth by their matches, which one camera far away does not move.
-    fn typical_depth(&self, cameras: &Cameras) -> Option<f64> {
+    /// The median depth of the points, or that over pairs of photographs of the median by their matches, whichever is less: a camera far
+    /// away makes the first large, little parallax the second.
+    fn typical_depth(&self, bundle: &Bundle) -> Option<f64> {
+        let depth = |track: &Observed| track.inverse_depth.recip();
         let of_pair = |pair: &Pair| {
-            let depth = |[a, b]: &[usize; 2]| {
-                self.alone(cameras, pair.first, *a, pair.second, *b).inverse_depth.recip()
-            };
-            median(pair.agreeing.iter().map(depth))
+            let alone = |&[a, b]: &[usize; 2]| self.alone(&bundle.cameras, pair.first, a, pair.second, b);
+            median(pair.agreeing.iter().map(|found| depth(&alone(found))))
         };
-        median(self.kept_pairs().into_iter().filter_map(of_pair))
+        let of_pairs = median(self.kept_pairs().into_iter().filter_map(of_pair))?;
+        Some(median(bundle.tracks.iter().map(depth))?.min(of_pairs))
     }
 
     fn kept_pairs(&self) -> Vec<&Pair> {
@@ -250,7 +251,7 @@ impl Capture<'_, '_> {
         let mut bundle = Bundle { cameras: self.cameras(self.poses), tracks };
         bundle.triangulate();
         let still = self.poses.iter().all(|pose| centre(pose) == centre(&self.poses[0]));
-        let depth = self.typical_depth(&bundle.cameras);
+        let depth = self.typical_depth(&bundle);
         let Some(depth) = depth.filter(|_| !still && bundle.tracks.len() >= MIN_MATCHES) else {
             let covariances = vec![None; self.poses.len()];
             return Adjusted { bundle, covariances, accepted: false, withheld: None };
