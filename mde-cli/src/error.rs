@@ -70,31 +70,12 @@ impl Error {
 }
 
 /// Arguments that texts of the library name in braces.
-const ARGUMENTS: [&str; 19] = [
-    "alignment",
-    "calibration",
-    "depth-range",
-    "fov",
-    "interval",
-    "intrinsics",
-    "keep-field",
-    "max-memory",
-    "max-size",
-    "model-profile",
-    "png-scale",
-    "predictions",
-    "prior-kind",
-    "prior-model",
-    "same-scale",
-    "scale-from",
-    "unit",
-    "views",
-    "work-size",
-];
+const ARGUMENTS: &str = "alignment calibration depth-range fov interval intrinsics keep-field max-memory max-size model-profile \
+                         png-scale predictions prior-kind prior-model same-scale scale-from unit views work-size";
 
 /// A text with the arguments that it names in braces, such as `{max-memory}`, as `name` writes them.
 pub fn named(text: &str, name: impl Fn(&str) -> String) -> String {
-    ARGUMENTS.iter().fold(text.to_owned(), |text, argument| match format!("{{{argument}}}") {
+    ARGUMENTS.split(' ').fold(text.to_owned(), |text, argument| match format!("{{{argument}}}") {
         braced if text.contains(&braced) => text.replace(&braced, &name(argument)),
         _ => text,
     })

@@ -18,7 +18,7 @@ const LEAST_VERIFIED: f32 = 0.03;
 pub(super) fn unusable(reference: &ViewDepth) -> Option<String> {
     (reference.verified < LEAST_VERIFIED).then(|| {
         format!(
-            "other photographs confirm the depth of {:.1} % of the pixels, {:.0} % are needed; take sharper photographs, or from further aside",
+            "other photographs confirm the depth of {:.1} % of the pixels, {:.0} % are needed: plain or blurred surfaces, or too small a move, do not match",
             100.0 * reference.verified,
             100.0 * LEAST_VERIFIED
         )

@@ -76,7 +76,7 @@ pub enum Verdict {
         "{agreeing} of {matches} matches with its neighbours fit its pose; check that the pose belongs to the photograph"
     )]
     Contradicted {
-        /// Matches with them.
+        /// Matches with them; where there are enough, of points that a third photograph shows.
         matches: usize,
         /// Those that fit.
         agreeing: usize,

@@ -5,7 +5,7 @@ use crate::Result;
 use crate::statistics::is_flat;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array1, Array2, ArrayView2};
 
 /// Logarithm of the factor on sigma: constant, and per chance that a photograph confirms the depth.
 const CONFIRMED: [f32; 2] = [1.39, -2.05];
@@ -68,13 +68,10 @@ impl Evidence {
     /// the variance of their logarithms is added to its relative variance.
     pub fn sigma_factor(&self, depth: &GaussianDepth, prior: ArrayView2<'_, f32>) -> Array2<f32> {
         let [constant, slope] = CONFIRMED;
-        let logs = || depth.mean().into_iter().zip(&self.confirmed).filter(|(z, c)| **z > 0.0 && **c > 0.0);
-        let logs = || logs().map(|(z, _)| f64::from(z.ln()));
-        let count = logs().count().max(1) as f64;
-        let mean = logs().sum::<f64>() / count;
+        let others = depth.mean().into_iter().zip(&self.confirmed).filter(|(z, c)| **z > 0.0 && **c > 0.0);
+        let logs: Array1<f64> = others.map(|(z, _)| f64::from(z.ln())).collect();
         let flat = is_flat(prior.iter().filter(|z| **z > 0.0).map(|z| f64::from(z.ln())));
-        let spread =
-            if flat { (logs().map(|log| (log - mean).powi(2)).sum::<f64>() / count) as f32 } else { 0.0 };
+        let spread = if flat && !logs.is_empty() { logs.var(0.0) as f32 } else { 0.0 };
         Array2::from_shape_fn(depth.dim(), |at| {
             let (confirmed, seen) = (self.confirmed[at], self.seen[at]);
             let factor = (constant + slope * (confirmed + 1.0) / (seen + 2.0)).exp();
