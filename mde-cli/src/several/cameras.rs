@@ -14,6 +14,10 @@ use ndarray::ArcArray2;
 /// A refinement that moves a given pose by more than this share of its distance from the nearest other one contradicts it.
 const MOVED: f64 = 0.5;
 
+/// Logarithm of the factor by which a photograph of a walk is nearer its scene, or farther, than the reference: 1.5. Within it one depth for
+/// all serves as well (13 captures of one place: AbsRel 1.009 with its own for each).
+const ELSEWHERE: f64 = 0.405;
+
 /// The photographs with a pose, in the frame of the capture's reference.
 #[derive(Debug)]
 pub(super) struct Posed {
@@ -25,6 +29,8 @@ pub(super) struct Posed {
     pub(super) covariances: Vec<Option<Matrix6<f64>>>,
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,
+    /// Further factor of each view's prior: of one depth everywhere, to the typical depth of that view's matches where it is [`ELSEWHERE`].
+    pub(super) own: Vec<f64>,
 }
 
 /// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
@@ -89,12 +95,19 @@ pub(super) fn posed(
         report.fallback = Some(report.verdicts(reference));
         return Ok(None);
     }
-    let mut posed = Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit };
+    let flat = priors[reference].as_ref().and_then(|prior| {
+        let first = *prior.first()?;
+        prior.iter().all(|z| *z == first).then_some(f64::from(first) * unit)
+    });
+    let mut posed =
+        Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit, own: Vec::new() };
     for index in std::iter::once(reference).chain(others) {
-        if let EstimatedPose { pose: Some(pose), camera, covariance, .. } = found[index] {
+        if let EstimatedPose { pose: Some(pose), camera, covariance, depth, .. } = found[index] {
             posed.views.push(scene.photographs[index].view(pose, camera));
             posed.order.push(index);
             posed.covariances.push(covariance);
+            let own = depth.zip(flat).map_or(1.0, |(depth, flat)| depth / flat);
+            posed.own.push(if own.ln().abs() > ELSEWHERE { own } else { 1.0 });
         }
     }
     Ok(Some(posed))

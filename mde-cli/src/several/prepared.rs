@@ -335,12 +335,10 @@ impl<'s> PreparedScene<'s> {
 /// The scale by the points that the capture's reference shows.
 fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<ArcArray2<f32>>]) -> Result<Option<Scale>> {
     let reference = scene.reference;
-    let (Some(pose), Some(prior)) = (scene.photographs[reference].pose, &priors[reference]) else {
-        return Ok(None);
-    };
+    let Some(pose) = scene.photographs[reference].pose else { return Ok(None) };
     // The posed views have the reference's frame for their world.
     let points: Vec<Point3<f64>> = scene.points.iter().map(|point| pose * point).collect();
-    let prior = prior.mapv(|z| (f64::from(z) * posed.unit) as f32);
+    let prior = priors::in_unit_of_poses(posed, priors, 0);
     Ok(Scale::fit(&point_matches(&posed.views[0], &points, prior.view())?))
 }
 

@@ -63,7 +63,8 @@ fn shared(depth: Array2<f32>, before: &[Option<ArcArray2<f32>>]) -> ArcArray2<f3
 /// The prior of a posed view in the unit of the poses. One without a prediction has the reference's, warped, or where that shows nothing of
 /// it, the reference's median everywhere.
 pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<ArcArray2<f32>>], view: usize) -> Array2<f32> {
-    let scaled = |depth: &ArcArray2<f32>| depth.mapv(|z| (f64::from(z) * posed.unit) as f32);
+    let scaled =
+        |depth: &ArcArray2<f32>| depth.mapv(|z| (f64::from(z) * posed.unit * posed.own[view]) as f32);
     let (from, to) = (&posed.views[0], &posed.views[view]);
     if let Some(depth) = &priors[posed.order[view]] {
         return scaled(depth);

@@ -208,6 +208,11 @@ impl Cameras {
         Seen { rotation, translation: motion.translation.vector, ray, point }
     }
 
+    /// Depth of a track in a view.
+    pub(super) fn depth(&self, track: &Observed, view: usize) -> f64 {
+        self.seen(track, view).point.z / track.inverse_depth
+    }
+
     fn project(&self, view: usize, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         (point.z > NEAR).then(|| self.lenses[view].project(point, self.log_focal))
     }

@@ -109,6 +109,8 @@ pub struct EstimatedPose {
     /// Covariance of the pose's left perturbation, translation before rotation in radians, as of 30 independent
     /// matches at most, since lens and shutter have errors that neighbours share. Nothing for the reference.
     pub covariance: Option<Matrix6<f64>>,
+    /// Median depth of the points that it shows, in the unit of the poses; nothing with fewer than 20.
+    pub depth: Option<f64>,
 }
 
 /// Poses of photographs, and depths by their matches.
@@ -209,6 +211,7 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
             continue;
         }
         let (focal_factor, distortion) = (bundle.cameras.log_focal.exp(), bundle.distortion());
+        let depths = bundle.median_depths();
         let of_photograph = |v: usize| {
             let parallax = bundle.median_parallax(v);
             let camera = &sorted[v].camera;
@@ -233,6 +236,7 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
                 verdict,
                 matches: counts[v],
                 covariance: covariances[v].filter(|_| posed),
+                depth: depths[v],
             }
         };
         let photographs = (0..shots.len()).map(of_photograph).collect();
@@ -357,6 +361,17 @@ impl Bundle {
     pub(super) fn reference_depths(&self) -> Vec<(Point2<f64>, f64)> {
         let anchored = self.tracks.iter().filter(|track| track.anchor == 0);
         anchored.map(|track| (track.pixel, track.inverse_depth.recip())).collect()
+    }
+
+    /// Median depth of the tracks that each photograph shows, where there are enough.
+    pub(super) fn median_depths(&self) -> Vec<Option<f64>> {
+        let mut depths = vec![Vec::new(); self.cameras.poses.len()];
+        for track in &self.tracks {
+            depths[track.anchor].push(track.inverse_depth.recip());
+            track.views.iter().for_each(|(v, _)| depths[*v].push(self.cameras.depth(track, *v)));
+        }
+        let usual = |depths: Vec<f64>| Some(depths).filter(|all| all.len() >= MIN_MATCHES).and_then(median);
+        depths.into_iter().map(usual).map(|depth| depth.filter(|z| *z > 0.0 && z.is_finite())).collect()
     }
 
     /// Median over a photograph's tracks of the parallax to another photograph, in units of the noise.

@@ -109,12 +109,14 @@ pub fn refine_poses(
     }
     let Adjusted { bundle, covariances, accepted, withheld } = adjusted;
     let fitting = capture.agreement(&bundle.cameras, OUTLIER_PIXELS);
+    let depths = bundle.median_depths();
     let of_photograph = |v: usize| EstimatedPose {
         pose: capture.verdicts[v].has_pose().then_some(bundle.cameras.poses[v]),
         camera: sorted[v].camera,
         verdict: capture.verdicts[v],
         matches: fitting[v][1],
         covariance: covariances[v],
+        depth: depths[v],
     };
     let mut photographs: Vec<EstimatedPose> = (0..sorted.len()).map(of_photograph).collect();
     photographs[..=reference].rotate_left(1);

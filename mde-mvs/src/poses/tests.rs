@@ -328,6 +328,7 @@ fn a_walk_longer_than_its_depth_keeps_every_photograph() {
     for (i, found) in refined.photographs.iter().enumerate() {
         assert!(found.verdict.has_pose() && found.matches > 100, "{found:?}");
         assert!(found.covariance.is_some() == (i != 7), "{i}");
+        assert!(found.depth.is_some_and(|depth| (depth / 2.4 - 1.0).abs() < 0.2), "{i}: {:?}", found.depth);
     }
     let neighbours = |poses: &[Pose], i: usize| poses[i + 1] * poses[i].inverse();
     let error = |found: &[Pose]| {
