@@ -12,21 +12,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-eval for SUNRGBD")),
-    after_help = "\
-Examples:
-  mde eval SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx --methods paper,default,guided -o out/eval
-  mde eval --dataset rooms --simulated prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
-  mde eval --dataset captures --grid 'views=3,5;pose-noise=0,.3' --methods consensus,multi-view:my.toml -o out/captures
-
-Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); field (multi-view);
-a TOML file over default, or over another preset as in multi-view:my.toml; the baselines prior, flip, zoom, unsharp0.5, unsharp1,
-unsharp2, noise, guided, jbf and fbs, and with several photographs gauged and sweep; and the maps of another program,
-NAME=FOLDER.
-
-Output: report.html, table.md, summary.json, scenes.csv, figures (SVG), eval.json (what was evaluated), and every map under
-scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
-folder, and a method whose settings changed is run again. With --shard only the maps of a part, which the same command
-without --shard uses."
+    after_help = include_str!("help/eval.txt").trim_end()
 )]
 pub(crate) struct EvalArgs {
     #[command(flatten)]
@@ -50,13 +36,7 @@ pub(crate) struct EvalArgs {
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-eval for SUNRGBD, as of mde eval")),
-    after_help = "\
-Examples:
-  mde calibrate SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx -o out/calibration
-  mde refine room.jpg --prior-model fastdepth_224.onnx --calibration out/calibration/calibration.toml --interval 0.9 -o out/room
-
-Output: calibration.toml (half widths of intervals in sigmas, and their coverage of held-out scenes), and the output of mde
-eval. The stored results of an evaluation in the same folder are reused."
+    after_help = include_str!("help/calibrate.txt").trim_end()
 )]
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
@@ -72,16 +52,7 @@ pub(crate) struct CalibrateArgs {
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-ablate for SUNRGBD")),
-    after_help = "\
-Examples:
-  mde ablate --dataset rooms --size 160x120 --config quick.toml -o out/ablation
-  mde ablate SUNRGBD --prior-model fastdepth_224.onnx --rows no-variance,min-depth,nerf-only --seeds 1 -o out/ablation
-
-Rows, each one change of the full model: no-variance, min-depth, no-calibration, fixed-variance, kappa-0.02, -0.05, -0.1,
--0.2, nerf-only (the paper's Table II and variants); guided-for-nerf, noise-for-nerf (a filter in place of the NeRF);
-original-pose, in-bin, spread, anchor (remedies). Rows that differ only after the first fit share that fit.
-
-Output: as for mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption."
+    after_help = include_str!("help/ablate.txt").trim_end()
 )]
 pub(crate) struct AblateArgs {
     #[command(flatten)]
@@ -195,11 +166,7 @@ pub(crate) enum Simulated {
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of PRED: maps-score for maps")),
-    after_help = "\
-Example:
-  mde score maps --gt truth --sigma sigmas -o out/maps
-
-Output: that of mde eval. Maps are .npy, .npz, .pfm, .png or .exr; those of the same name belong together."
+    after_help = include_str!("help/score.txt").trim_end()
 )]
 pub(crate) struct ScoreMapsArgs {
     /// A folder of depth maps to score

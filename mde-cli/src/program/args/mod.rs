@@ -15,27 +15,9 @@ use mde_eval::data::Shard;
 use mde_prior::DepthKind;
 use std::path::{Path, PathBuf};
 
-const EXAMPLES: &str = "\
-Examples:
-  mde demo -o out/demo
-  mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
-  mde refine room.jpg --views left.jpg right.jpg -o out/room
-  mde dense photos -o out/rooms
-  mde poses room --prior-model fastdepth_224.onnx -o room/transforms.json
-  mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
-  mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
-  mde config --preset paper > my.toml && mde refine room.jpg --prior-model dpt_large.onnx --config my.toml -o out/room
-
-Exit codes:
-  0    done
-  1    failed; one line on stderr names the cause and the remedy
-  2    wrong usage
-  3    some photographs or scenes failed, or no photograph of --views is of use; the rest is written
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only what mde dense, many photographs and evaluations have finished is kept";
-
 /// Refine the monocular depth of a photograph, with a standard deviation per pixel
 #[derive(Debug, Parser)]
-#[command(name = "mde", version, after_help = EXAMPLES, max_term_width = 110)]
+#[command(name = "mde", version, after_help = include_str!("help/mde.txt").trim_end(), max_term_width = 110)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -83,9 +65,7 @@ pub(crate) enum Command {
     /// Calibrate the error bars of mde refine on scenes with known depth
     Calibrate(Box<CalibrateArgs>),
     /// Print a preset as TOML
-    #[command(after_help = "\
-Example:
-  mde config --preset paper > my.toml")]
+    #[command(after_help = include_str!("help/config.txt").trim_end())]
     Config {
         /// Preset
         #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "default")]
@@ -94,11 +74,7 @@ Example:
     /// Time the field's fit and rendering on this machine, by stage
     Bench(BenchArgs),
     /// Write report.html again from the files of a folder
-    #[command(after_help = "\
-Example:
-  mde report out/room
-
-The page is made from the files of mde refine, demo, eval or ablate. It needs no network.")]
+    #[command(after_help = include_str!("help/report.txt").trim_end())]
     Report {
         /// The folder of a run or an evaluation
         #[arg(value_name = "DIR")]
@@ -107,21 +83,14 @@ The page is made from the files of mde refine, demo, eval or ablate. It needs no
     /// Check this machine and a model
     Doctor(DoctorArgs),
     /// Print shell completions
-    #[command(after_help = "\
-Examples:
-  mde completions bash > ~/.local/share/bash-completion/completions/mde
-  mde completions zsh > ~/.zfunc/_mde
-  mde completions fish > ~/.config/fish/completions/mde.fish")]
+    #[command(after_help = include_str!("help/completions.txt").trim_end())]
     Completions {
         /// Shell
         #[arg(value_enum)]
         shell: clap_complete::Shell,
     },
     /// Print a manual page
-    #[command(after_help = "\
-Examples:
-  mde man > mde.1
-  mde man refine | man -l -")]
+    #[command(after_help = include_str!("help/man.txt").trim_end())]
     Man {
         /// Manual page of this subcommand instead of the program's
         #[arg(value_name = "COMMAND")]
@@ -132,17 +101,7 @@ Examples:
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default mde-demo in the working folder")),
-    after_help = "\
-Examples:
-  mde demo -o out/demo
-  mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
-
-Six photographs without poses, each with the depth of a simulated network; one of them is withheld, to be compared with what the
-field renders. Other presets refine one photograph with a simulated depth map; their training steps are scaled with the
-number of pixels (all at 640x480, at least 500), unless --config is given.
-
-Output: that of mde refine, and photographs/, from which it can be repeated:
-  mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again"
+    after_help = include_str!("help/demo.txt").trim_end()
 )]
 pub(crate) struct DemoArgs {
     /// Size of the room's image, pixels
@@ -163,19 +122,7 @@ pub(crate) struct DemoArgs {
     mut_arg("max_views", |arg| arg.requires("views")),
     mut_arg("unit", |arg| arg.requires("views")),
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg. Many photographs need one")),
-    after_help = "\
-Examples:
-  mde refine room.jpg --prior-model fastdepth_224.onnx
-  mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
-  mde refine holiday --prior-model fastdepth_224.onnx -o out/holiday
-  mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt -o out/room
-  mde refine room.png --prior-depth depth.exr --fx 520,521 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
-
-Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
-(16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
-report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
-depth.exr, colmap/, transforms.json, sigma/. With many photographs one such folder for each, with thumbnail.png and finished.json, and index.html,
-index.csv, index.json; the same command continues, and refines only what is new or changed."
+    after_help = include_str!("help/refine.txt").trim_end()
 )]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, patterns ('holiday/*.jpg'), folders, lists
@@ -219,15 +166,7 @@ impl RefineArgs {
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the capture's name: room-dense for room")),
     mut_arg("force", |force| force.help("Refine photographs again that an earlier run finished")),
     mut_arg("prior_depth", |map| map.hide(true)),
-    after_help = "\
-Examples:
-  mde dense photos -o out/room
-  mde dense colmap-project --no-nerf --export colmap-dense -o out/house
-  mde dense photos/transforms.json --prior-model fastdepth_224.onnx --unit prior -o out/room
-
-Output: a folder for each photograph, as mde refine writes it, with finished.json; cloud.ply of the points that two photographs confirm,
-transforms.json, index.html, run.json; with --export colmap-dense colmap/, with mesh mesh.ply and mesh.glb. The same command continues, and refines only what is new or changed. Without a network the depth
-comes from parallax alone, in the unit of the poses; photographs without poses get a unit of their own."
+    after_help = include_str!("help/dense.txt").trim_end()
 )]
 pub(crate) struct DenseArgs {
     /// A folder of photographs, a transforms.json, a COLMAP project (images, sparse/0), or a TUM sequence
@@ -242,13 +181,7 @@ pub(crate) struct DenseArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "\
-Examples:
-  mde poses photos --prior-model fastdepth_224.onnx -o photos/transforms.json
-  mde refine photos/0.jpg --views photos/transforms.json --prior-model fastdepth_224.onnx -o out/room
-
-The world is the frame of the first photograph's camera, in the unit of its prior. Photographs that do not fit are left out, with the
-reason. Photographs are resized to 1024 pixels on the longer side, or to --max-size; the intrinsics are for their full size.",
+    after_help = include_str!("help/poses.txt").trim_end(),
     mut_arg("output", |output| output.value_name("FILE.json").help("File to write, as nerfstudio has it; default: transforms.json")),
     mut_arg("force", |force| force.help("Replace the file"))
 )]
@@ -269,12 +202,7 @@ pub(crate) struct PosesArgs {
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-views for room.jpg")),
-    after_help = "\
-Example:
-  mde warp room.jpg --prior-model fastdepth_224.onnx -o out/views
-
-Output: view_00.png (the original), view_01.png ... with mask_01.png (white: used for training) and depth_01.npy
-(0: missing), poses.json, contact.png (masked pixels in red), config.toml, run.json."
+    after_help = include_str!("help/warp.txt").trim_end()
 )]
 pub(crate) struct WarpArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
@@ -295,12 +223,7 @@ pub(crate) struct WarpArgs {
 #[derive(Debug, Args)]
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the field's name: field-render for field.safetensors")),
-    after_help = "\
-Examples:
-  mde render --field out/room/field.safetensors --size 640x480 --fov 62 -o out/view
-  mde render --field out/room/field.safetensors --size 320x240 --fov 62 --orbit 24 -o out/orbit
-
-Output per view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json."
+    after_help = include_str!("help/render.txt").trim_end()
 )]
 pub(crate) struct RenderArgs {
     /// The field saved by `mde refine --export field`
@@ -328,13 +251,7 @@ pub(crate) struct RenderArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  mde bench
-  mde bench --field hash-8x4 --threads 2 --json
-
-Samples, matrix operations and bytes per second, beside the peak of processor and memory measured in the same run. The stages run
-on one thread; the whole step and the render run on one thread and on all.")]
+#[command(after_help = include_str!("help/bench.txt").trim_end())]
 pub(crate) struct BenchArgs {
     /// Only this field: hash-8x4 (that of the presets) or mlp-4x128
     #[arg(long, value_name = "NAME")]
@@ -351,13 +268,7 @@ pub(crate) struct BenchArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  mde doctor
-  mde doctor --prior-model dpt_large.onnx
-  mde doctor --prior-model net.onnx --model-profile net.toml --prior-kind disparity
-
-A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
+#[command(after_help = include_str!("help/doctor.txt").trim_end())]
 pub(crate) struct DoctorArgs {
     /// A monocular depth network to check
     #[arg(long, value_name = "MODEL.onnx")]
