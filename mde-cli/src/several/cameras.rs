@@ -101,15 +101,22 @@ pub(super) fn posed(
     });
     let mut posed =
         Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit, own: Vec::new() };
+    let (mut centres, mut known) = (Vec::new(), Vec::new());
     for index in std::iter::once(reference).chain(others) {
         if let EstimatedPose { pose: Some(pose), camera, covariance, depth, .. } = found[index] {
             posed.views.push(scene.photographs[index].view(pose, camera));
             posed.order.push(index);
             posed.covariances.push(covariance);
-            let own = depth.zip(flat).map_or(1.0, |(depth, flat)| depth / flat);
-            posed.own.push(if own.ln().abs() > ELSEWHERE { own } else { 1.0 });
+            centres.push(pose.inverse().translation.vector);
+            known.extend(depth.zip(flat).map(|(depth, flat)| (centres.len() - 1, depth / flat)));
         }
     }
+    // One with too few points has the depth of the nearest other.
+    posed.own.extend(centres.iter().map(|at| {
+        let distance = |(place, _): &&(usize, f64)| (centres[*place] - at).norm();
+        let nearest = known.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        nearest.map(|(_, own)| *own).filter(|own| own.ln().abs() > ELSEWHERE).unwrap_or(1.0)
+    }));
     Ok(Some(posed))
 }
 
