@@ -1,32 +1,10 @@
 //! Depths that are known at some pixels.
 
 use crate::error::{Error, Result, text};
+use mde_mvs::capture::{Error as Fault, read_known_depths};
+use std::path::Path;
 
-/// A depth that is known at a pixel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct KnownDepth {
-    /// Column in pixels of the result, pixel centres at integers.
-    pub x: f64,
-    /// Row.
-    pub y: f64,
-    /// Depth z, positive.
-    pub depth: f64,
-    /// Its standard deviation, 0 where it is not known.
-    pub sigma: f64,
-}
-
-impl KnownDepth {
-    pub(crate) fn check(&self) -> Result<()> {
-        let Self { x, y, depth, sigma } = *self;
-        let finite = [x, y, depth, sigma].iter().all(|v| v.is_finite());
-        match finite && depth > 0.0 && sigma >= 0.0 {
-            true => Ok(()),
-            false => Err(Error::Argument(format!(
-                "the known depth {depth} +- {sigma} at ({x}, {y}) is no positive number; check its columns"
-            ))),
-        }
-    }
-}
+pub use mde_mvs::capture::KnownDepth;
 
 /// Known depths in pixels of the photograph's file.
 #[derive(Debug, Clone)]
@@ -58,8 +36,26 @@ impl KnownDepths {
             )));
         }
         // Before the refinement, not after it.
-        depths.iter().try_for_each(KnownDepth::check).map_err(|error| fault(text(&error)))?;
+        depths.iter().try_for_each(check).map_err(|error| fault(text(&error)))?;
         Ok(Self { source, of_model: false, depths, size })
+    }
+
+    /// Reads those of `photograph`, whose file has `(height, width)` pixels, by [`read_known_depths`].
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a file that can't be read, has other columns, or no depth of the photograph.
+    pub fn open(path: &Path, photograph: &Path, size: (usize, usize)) -> Result<Self> {
+        let depths = read_known_depths(path, photograph, size).map_err(|fault| {
+            Error::Argument(match fault {
+                Fault::Read { path, source } => format!(
+                    "{{scale-from}} {}: can't be read; give a CSV file of x, y, depth, or a COLMAP model: {source}",
+                    path.display()
+                ),
+                other => format!("{{scale-from}} {}", text(&other)),
+            })
+        })?;
+        let known = Self::new(path.display().to_string(), depths, &photograph.display().to_string(), size)?;
+        Ok(Self { of_model: path.is_dir(), ..known })
     }
 
     /// In pixels of a result of `(height, width)`.
@@ -74,110 +70,26 @@ impl KnownDepths {
     }
 }
 
-#[cfg(feature = "files")]
-mod files {
-    use super::{Error, KnownDepth, KnownDepths, Result};
-    use crate::error::text;
-    use mde_mvs::capture::read_colmap_depths;
-    use mde_prior::{FileKind, open};
-    use nalgebra::Point2;
-    use std::path::Path;
-
-    /// Most rows of a file.
-    const MOST: usize = 10_000_000;
-
-    impl KnownDepths {
-        /// Reads the depths of `photograph`, whose file has `(height, width)` pixels, from a CSV file or a COLMAP model.
-        ///
-        /// # Errors
-        /// [`Error::Argument`] for a file that can't be read, has other columns, or no depth of the photograph.
-        pub fn open(path: &Path, photograph: &Path, size: (usize, usize)) -> Result<Self> {
-            let shown = format!("{{scale-from}} {}", path.display());
-            let fault = |text: String| Error::Argument(format!("{shown}: {text}"));
-            let (depths, of_model) = match path.is_dir() {
-                true => (of_colmap(path, photograph, size).map_err(fault)?, true),
-                false => (of_csv(path).map_err(fault)?, false),
-            };
-            let source = path.display().to_string();
-            let known = Self::new(source, depths, &photograph.display().to_string(), size)?;
-            Ok(Self { of_model, ..known })
-        }
-    }
-
-    /// Rows `x,y,depth` or `x,y,depth,sigma`, with or without a head.
-    fn of_csv(path: &Path) -> Result<Vec<KnownDepth>, String> {
-        let file = open::open(path, FileKind::Text).map_err(|error| {
-            format!("can't be read; give a CSV file of x, y, depth, or a COLMAP model: {error}")
-        })?;
-        let mut reader = csv::ReaderBuilder::new()
-            .has_headers(false)
-            .trim(csv::Trim::All)
-            .flexible(true)
-            .comment(Some(b'#'))
-            .from_reader(file);
-        let mut depths = Vec::new();
-        for (index, row) in reader.records().enumerate() {
-            let row = row.map_err(|error| text(&error))?;
-            if depths.len() >= MOST {
-                return Err(format!("more than {MOST} rows; give fewer"));
-            }
-            let numbers: Result<Vec<f64>, _> = row.iter().map(str::parse).collect();
-            match numbers.as_deref() {
-                Ok(&[x, y, depth]) => depths.push(KnownDepth { x, y, depth, sigma: 0.0 }),
-                Ok(&[x, y, depth, sigma]) => depths.push(KnownDepth { x, y, depth, sigma }),
-                // A head.
-                Err(_) if index == 0 && row.iter().all(|cell| cell.parse::<f64>().is_err()) => {}
-                _ => {
-                    return Err(format!(
-                        "row {} is {:?}; give the column, the row, the depth, and if it is known its standard deviation",
-                        index + 1,
-                        row.iter().collect::<Vec<_>>().join(",")
-                    ));
-                }
-            }
-        }
-        Ok(depths)
-    }
-
-    fn of_colmap(
-        model: &Path,
-        photograph: &Path,
-        (height, width): (usize, usize),
-    ) -> Result<Vec<KnownDepth>, String> {
-        let model = match model.join("sparse").join("0") {
-            inside if inside.is_dir() => inside,
-            _ => model.to_owned(),
-        };
-        let name = photograph.file_name().unwrap_or_default().to_string_lossy();
-        let found = read_colmap_depths(&model, &name).map_err(|error| text(&error))?;
-        let [w, h] = found.size;
-        if [w, h] != [width, height] {
-            return Err(format!(
-                "{name} has {w}x{h} pixels in the model but {width}x{height} in its file; give the model of this file"
-            ));
-        }
-        let known = |(at, depth): (Point2<f64>, f64)| KnownDepth { x: at.x, y: at.y, depth, sigma: 0.0 };
-        Ok(found.depths.into_iter().map(known).collect())
+/// Checks that a known depth is a positive number, at a place.
+pub(crate) fn check(known: &KnownDepth) -> Result<()> {
+    let KnownDepth { x, y, depth, sigma } = *known;
+    let finite = [x, y, depth, sigma].iter().all(|v| v.is_finite());
+    match finite && depth > 0.0 && sigma >= 0.0 {
+        true => Ok(()),
+        false => Err(Error::Argument(format!(
+            "the known depth {depth} +- {sigma} at ({x}, {y}) is no positive number; check its columns"
+        ))),
     }
 }
 
-#[cfg(all(test, feature = "files"))]
+#[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::Path;
 
     #[test]
-    fn rows_are_read_with_and_without_a_head() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("known.csv");
-        let read = |text: &str| {
-            std::fs::write(&path, text).unwrap();
-            KnownDepths::open(&path, Path::new("a.jpg"), (100, 200))
-        };
-        let known = read("x,y,depth\n10, 20, 1.5\n# a comment\n30,40,2.5,0.1\n").unwrap();
-        let half = known.at((50, 100));
-        assert_eq!((half[0].x, half[0].y, half[0].depth, half[0].sigma), (4.75, 9.75, 1.5, 0.0));
-        assert_eq!((half[1].depth, half[1].sigma), (2.5, 0.1));
-        assert_eq!(read("1,2,3").unwrap().depths.len(), 1);
+    fn the_pixels_are_those_of_the_result() {
+        let one = KnownDepth { x: 10.0, y: 20.0, depth: 1.5, sigma: 0.0 };
+        let known = KnownDepths::new("array".to_owned(), vec![one], "a.jpg", (100, 200)).unwrap();
+        assert_eq!(known.at((50, 100)), [KnownDepth { x: 4.75, y: 9.75, ..one }]);
     }
 }

@@ -7,3 +7,4 @@ mod common;
 mod fuser;
 mod posterior;
 mod reference;
+mod robust;

@@ -16,6 +16,7 @@ mod colmap;
 mod error;
 mod files;
 mod intrinsics;
+mod known;
 mod lens;
 mod paths;
 #[cfg(test)]
@@ -37,6 +38,7 @@ pub use error::{Error, Result};
 use error::{content, fault, missing};
 pub use files::{CaptureFiles, same_file};
 pub use intrinsics::intrinsics;
+pub use known::{KnownDepth, read_known_depths};
 pub use lens::{Distortion, Lens};
 pub use paths::relative_path;
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
