@@ -10,6 +10,8 @@ mod controls;
 #[cfg(feature = "data")]
 pub mod data;
 mod error;
+#[cfg(feature = "field")]
+pub mod field;
 #[cfg(feature = "plot")]
 pub mod figure;
 #[cfg(feature = "baseline")]

@@ -17,17 +17,10 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
 
 /// The command line, quoted for a shell where needed.
 pub(crate) fn command_line() -> String {
-    let arguments = std::env::args_os().skip(1).map(|argument| quoted(&argument.to_string_lossy()));
-    std::iter::once("mde".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
-}
-
-fn quoted(argument: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./,=:+@%^".contains(c);
-    if !argument.is_empty() && argument.chars().all(plain) {
-        argument.to_owned()
-    } else {
-        format!("'{}'", argument.replace('\'', r"'\''"))
-    }
+    let arguments: Vec<_> = std::env::args_os().skip(1).collect();
+    let arguments: Vec<_> = arguments.iter().map(|argument| argument.to_string_lossy()).collect();
+    shlex::try_join(std::iter::once("mde").chain(arguments.iter().map(|argument| &**argument)))
+        .unwrap_or_default()
 }
 
 /// The common part of the record of a command, with the warnings and seconds of the refinement that it is at.
@@ -66,15 +59,4 @@ pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     Some(1024 * line.split_whitespace().next()?.parse::<u64>().ok()?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_command_line_can_be_given_to_a_shell_again() {
-        let arguments = ["refine", "a b.png", "--fov=60", "it's", "", "$HOME", "ü.jpg"];
-        assert_eq!(arguments.map(quoted).join(" "), r"refine 'a b.png' --fov=60 'it'\''s' '' '$HOME' ü.jpg");
-    }
 }

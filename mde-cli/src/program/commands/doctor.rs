@@ -26,10 +26,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     for (what, text) in [
         ("program", crates.join(", ")),
         ("models", models.to_owned()),
-        ("machine", format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)),
-        ("threads", format!("{} used, {cores} available", rayon::current_num_threads())),
-        ("vectors", vectors()),
-        ("memory", memory()),
+        ("machine", format!("{} {}, {cores} processors", std::env::consts::OS, std::env::consts::ARCH)),
     ] {
         print(what, &text);
     }
@@ -113,33 +110,6 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
         ),
     }
     Ok(())
-}
-
-/// The vector instructions that the kernels choose from at run time.
-fn vectors() -> String {
-    #[cfg(target_arch = "x86_64")]
-    let found = [
-        ("AVX-512", is_x86_feature_detected!("avx512f")),
-        ("AVX2", is_x86_feature_detected!("avx2")),
-        ("FMA", is_x86_feature_detected!("fma")),
-    ];
-    #[cfg(not(target_arch = "x86_64"))]
-    let found = [("NEON", cfg!(target_arch = "aarch64"))];
-    let names: Vec<_> = found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect();
-    if names.is_empty() { "the least of this architecture: slow".to_owned() } else { names.join(", ") }
-}
-
-/// Known on Linux only.
-fn memory() -> String {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let gib = |key: &str| -> Option<f64> {
-        let line = text.lines().find_map(|line| line.strip_prefix(key))?;
-        Some(line.split_whitespace().next()?.parse::<f64>().ok()? / f64::from(1 << 20))
-    };
-    match (gib("MemAvailable:"), gib("MemTotal:")) {
-        (Some(free), Some(all)) => format!("{free:.1} of {all:.1} GiB free"),
-        _ => "unknown on this system".to_owned(),
-    }
 }
 
 /// A closed pipe is no error.

@@ -3,20 +3,20 @@
 use crate::config::{Config, MultiViewConfig, Preset};
 use crate::prior::{OpenPrior, hash_files};
 use crate::program::Progress;
-use crate::program::evaluation::{FieldMemory, FilteredField, Remembered, depth_file};
+use crate::program::evaluation::depth_file;
 use crate::program::store::files_in;
 use crate::refinement::{FieldFactory, FieldRequest};
 use crate::refiner::{MemoryLimit, Prepared, Refiner, Settings, Unit};
 use crate::scene::Scene;
 use anyhow::{Context, Result, ensure};
-use mde_eval::{Method as Baseline, Refined, Task, baseline};
+use mde_eval::field::{FieldMemory, FilteredField, SharedField};
+use mde_eval::{Refined, Task, baseline};
 use mde_nerf::RadianceField;
 use mde_prior::DisparityRule;
 use mde_prior::format::{ReadOptions, read_depth};
 use ndarray::Array2;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// The prior without refinement, the reference of the comparisons.
 pub(crate) const PRIOR: &str = "prior";
@@ -156,17 +156,17 @@ impl Method {
             }
             Kind::Loop { config, several: true, .. } => scene.refined(config, scene.photographs, None),
             Kind::Loop { config, control, .. } => {
-                let control = control.map(baseline::named).transpose()?;
-                let control: Option<Arc<dyn Baseline + Send + Sync>> = control.map(Arc::from);
                 let mut factory =
                     |request: FieldRequest<'_>| -> crate::error::Result<Box<dyn RadianceField>> {
                         let (config, seed) = (request.config.clone(), request.seed);
-                        Ok(match (&control, fields) {
+                        Ok(match (control, fields) {
                             (Some(control), _) => {
-                                Box::new(FilteredField { refiner: control.clone(), seed, view: None })
+                                let filter =
+                                    baseline::named(control).map_err(crate::error::Error::external)?;
+                                Box::new(FilteredField::new(filter, seed))
                             }
                             (None, Some(memory)) if request.iteration == 0 => {
-                                Box::new(Remembered { memory: memory.clone(), config, seed, fitted: None })
+                                Box::new(SharedField::new(memory, config, seed))
                             }
                             (None, _) => Box::new(request.nerf()?),
                         })

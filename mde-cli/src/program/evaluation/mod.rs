@@ -2,14 +2,12 @@
 //! stored yet, scores them, and goes on after a failure.
 
 pub(crate) mod ablation;
-mod fields;
 mod method;
 pub(crate) mod results;
 mod scenes;
 mod scoring;
 mod store;
 
-use fields::{FieldMemory, FilteredField, Remembered};
 use method::MethodScene;
 pub(crate) use method::{Method, PRIOR};
 use results::Results;
@@ -26,6 +24,7 @@ use crate::refiner::{MemoryLimit, Observer, SceneMemory};
 use crate::scene::{CameraSource, KnownCamera, Photograph, Scene, Sizes};
 use anyhow::{Result, ensure};
 use mde_eval::data::{Sample, Shard};
+use mde_eval::field::FieldMemory;
 use mde_eval::table::{Entry, Failure};
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;

@@ -1,7 +1,6 @@
-//! Fields of an evaluation: one that the methods of a scene share, and a filter in the place of one.
+//! Fields of an ablation: one that the methods of a scene share, and a filter in the place of one.
 
-use crate::program::lock;
-use mde_eval::{Method, Task};
+use crate::{Method, Task};
 use mde_nerf::{
     Error, FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView, Result,
 };
@@ -12,12 +11,13 @@ use ndarray::Array3;
 use std::collections::HashMap;
 use std::collections::hash_map::{DefaultHasher, Entry};
 use std::hash::{Hash, Hasher};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The fitted fields of a scene, by settings, seed and views. Clones share one memory.
-pub(crate) type FieldMemory = Arc<Mutex<HashMap<u64, Arc<Fitted>>>>;
+#[derive(Clone, Default)]
+pub struct FieldMemory(Arc<Mutex<HashMap<u64, Arc<Fitted>>>>);
 
-pub(crate) struct Fitted {
+struct Fitted {
     nerf: Nerf,
     report: FitReport,
     /// By the settings of the render, camera and pose.
@@ -25,24 +25,31 @@ pub(crate) struct Fitted {
 }
 
 /// A [`Nerf`] that is fitted only where the memory has none of the same settings, seed and views.
-pub(crate) struct Remembered {
-    pub(crate) memory: FieldMemory,
-    pub(crate) config: NerfConfig,
-    pub(crate) seed: u64,
-    pub(crate) fitted: Option<Arc<Fitted>>,
+pub struct SharedField {
+    memory: FieldMemory,
+    config: NerfConfig,
+    seed: u64,
+    fitted: Option<Arc<Fitted>>,
 }
 
-impl RadianceField for Remembered {
+impl SharedField {
+    /// One that is not fitted yet.
+    pub fn new(memory: &FieldMemory, config: NerfConfig, seed: u64) -> Self {
+        Self { memory: memory.clone(), config, seed, fitted: None }
+    }
+}
+
+impl RadianceField for SharedField {
     fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
-        let known = lock(&self.memory).get(&key).cloned();
+        let known = lock(&self.memory.0).get(&key).cloned();
         let fitted = match known {
             Some(fitted) => fitted,
             None => {
                 let mut nerf = Nerf::new(self.config.clone(), self.seed)?;
                 let report = nerf.fit(views, callback)?;
                 let fitted = Arc::new(Fitted { nerf, report, renders: Mutex::default() });
-                lock(&self.memory).insert(key, fitted.clone());
+                lock(&self.memory.0).insert(key, fitted.clone());
                 fitted
             }
         };
@@ -68,6 +75,10 @@ impl RadianceField for Remembered {
     }
 }
 
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Of everything that a fit depends on.
 fn fit_key(config: &NerfConfig, seed: u64, views: &[PosedView]) -> u64 {
     let mut hasher = DefaultHasher::new();
@@ -87,13 +98,20 @@ fn fit_key(config: &NerfConfig, seed: u64, views: &[PosedView]) -> u64 {
 /// Standard deviation as a fraction of the depth, typical of the termination of rays.
 const RELATIVE_SIGMA: f64 = 0.05;
 
-/// A field without a fit: the depth of the first view after a [`mde_eval::Method`] (a filter, or noise), reprojected.
+/// A field without a fit: the depth of the first view after a [`Method`] (a filter, or noise), reprojected.
 ///
 /// Its standard deviation is 5 % of the depth. In place of a NeRF, it shows what the same fusion gains with a plain filter.
-pub(crate) struct FilteredField {
-    pub(crate) refiner: Arc<dyn Method + Send + Sync>,
-    pub(crate) seed: u64,
-    pub(crate) view: Option<(PosedView, GaussianDepth)>,
+pub struct FilteredField {
+    filter: Box<dyn Method + Send + Sync>,
+    seed: u64,
+    view: Option<(PosedView, GaussianDepth)>,
+}
+
+impl FilteredField {
+    /// One that has seen no view yet; `seed` is that of the method's draws.
+    pub fn new(filter: Box<dyn Method + Send + Sync>, seed: u64) -> Self {
+        Self { filter, seed, view: None }
+    }
 }
 
 fn fault(error: &dyn std::fmt::Display) -> Error {
@@ -110,7 +128,7 @@ impl RadianceField for FilteredField {
         let rule = DisparityRule::default();
         let task =
             Task { seed: self.seed, ..Task::new(view.image.view(), &view.camera, prior.view(), &rule) };
-        let refined = self.refiner.refine(&task).map_err(|e| fault(&e))?.depth;
+        let refined = self.filter.refine(&task).map_err(|e| fault(&e))?.depth;
         let variance = refined
             .mapv(|d| if d > 0.0 { (RELATIVE_SIGMA * f64::from(d)).powi(2) as f32 } else { f32::INFINITY });
         let depth = GaussianDepth::new(refined, variance).map_err(|e| fault(&e))?;
