@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_fuzz::{check, folder, size, write};
+use mde_fuzz::{check, folder, size};
 use mde_mvs::capture::read_colmap;
 
 fuzz_target!(|data: &[u8]| {
@@ -11,9 +11,6 @@ fuzz_target!(|data: &[u8]| {
     let (cameras, rest) = rest.split_at(cameras);
     let images = usize::from(u16::from_le_bytes([c, d])).min(rest.len());
     let (images, points) = rest.split_at(images);
-    let folder = folder();
-    for (name, bytes) in [("cameras.bin", cameras), ("images.bin", images), ("points3D.bin", points)] {
-        write(&folder, name, bytes);
-    }
+    let folder = folder(&[("cameras.bin", cameras), ("images.bin", images), ("points3D.bin", points)]);
     check(read_colmap(&folder, &folder, &size));
 });

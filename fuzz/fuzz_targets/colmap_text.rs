@@ -2,14 +2,12 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_fuzz::{check, folder, size, write};
+use mde_fuzz::{check, folder, size};
 use mde_mvs::capture::read_colmap;
 
 fuzz_target!(|data: &[u8]| {
-    let folder = folder();
     let mut parts = data.splitn(3, |byte| *byte == 0x1e);
-    for name in ["cameras.txt", "images.txt", "points3D.txt"] {
-        write(&folder, name, parts.next().unwrap_or_default());
-    }
+    let names = ["cameras.txt", "images.txt", "points3D.txt"];
+    let folder = folder(&names.map(|name| (name, parts.next().unwrap_or_default())));
     check(read_colmap(&folder, &folder, &size));
 });

@@ -3,13 +3,12 @@
 
 use libfuzzer_sys::fuzz_target;
 use mde_cli::scene::known::KnownDepths;
-use mde_fuzz::{folder, write};
+use mde_fuzz::folder;
 use std::path::Path;
 
 fuzz_target!(|data: &[u8]| {
-    let folder = folder();
-    write(&folder, "known.csv", data);
-    match KnownDepths::open(&folder.join("known.csv"), Path::new("a.jpg"), (6, 8)) {
+    let file = folder(&[("known.csv", data)]).join("known.csv");
+    match KnownDepths::open(&file, Path::new("a.jpg"), (6, 8)) {
         Ok(known) => {
             let depths = known.at((6, 8));
             assert!(!depths.is_empty());

@@ -4,15 +4,14 @@
 use libfuzzer_sys::fuzz_target;
 use mde_cli::mde_nerf::{Nerf, RadianceField};
 use mde_cli::mde_warp::{PinholeCamera, Pose};
-use mde_fuzz::{folder, write};
+use mde_fuzz::folder;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 
 fn load(bytes: &[u8]) {
-    let folder = folder();
-    write(&folder, "field.safetensors", bytes);
-    if let Ok(field) = Nerf::load(folder.join("field.safetensors")) {
+    let file = folder(&[("field.safetensors", bytes)]).join("field.safetensors");
+    if let Ok(field) = Nerf::load(file) {
         let camera = PinholeCamera::from_fov(60.0, 4, 3).expect("a camera");
         let mut go_on = |_: &mde_cli::mde_nerf::FieldEvent| ControlFlow::Continue(());
         if let Ok(view) = field.render(&camera, &Pose::identity(), &mut go_on) {

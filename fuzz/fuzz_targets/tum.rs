@@ -3,15 +3,13 @@
 
 use libfuzzer_sys::fuzz_target;
 use mde_cli::mde_warp::PinholeCamera;
-use mde_fuzz::{SIZE, check, folder, size, write};
+use mde_fuzz::{SIZE, check, folder, size};
 use mde_mvs::capture::{Distortion, Lens, read_tum};
 
 fuzz_target!(|data: &[u8]| {
-    let folder = folder();
     let mut parts = data.splitn(2, |byte| *byte == 0x1e);
-    for name in ["rgb.txt", "groundtruth.txt"] {
-        write(&folder, name, parts.next().unwrap_or_default());
-    }
+    let names = ["rgb.txt", "groundtruth.txt"];
+    let folder = folder(&names.map(|name| (name, parts.next().unwrap_or_default())));
     let [width, height] = SIZE;
     let camera = PinholeCamera::from_fov(60.0, width, height).expect("a camera");
     check(read_tum(&folder, &Lens { camera, distortion: Distortion::default() }, &size));

@@ -7,18 +7,16 @@ use std::path::{Path, PathBuf};
 /// Width and height of every photograph of the seeds.
 pub const SIZE: [usize; 2] = [8, 6];
 
-/// A folder of this process, in memory where the system has such a place.
-pub fn folder() -> PathBuf {
+/// A folder of this process that has these files, in memory where the system has such a place.
+pub fn folder(files: &[(&str, &[u8])]) -> PathBuf {
     let memory = PathBuf::from("/dev/shm");
     let parent = if memory.is_dir() { memory } else { std::env::temp_dir() };
     let folder = parent.join(format!("mde-fuzz-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("the folder can be made");
+    for (name, bytes) in files {
+        std::fs::write(folder.join(name), bytes).expect("the file is writable");
+    }
     folder
-}
-
-/// Writes a file of the capture.
-pub fn write(folder: &Path, name: &str, bytes: &[u8]) {
-    std::fs::write(folder.join(name), bytes).expect("the file is writable");
 }
 
 /// The size of every photograph; only `missing` does not exist.

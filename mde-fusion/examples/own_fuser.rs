@@ -29,7 +29,8 @@ impl Fuser for FixedSigma {
             let fused = view.map_or(own, |view| posterior(own, view));
             if fused.mean <= 0.0 {
                 // An error of this implementation's own.
-                return Err(Error::external(format!("depth {} at {pixel:?} is not positive", fused.mean)));
+                let fault = format!("depth {} at {pixel:?} is not positive", fused.mean);
+                return Err(Error::External(fault.into()));
             }
             (*mean, variance[pixel]) = (fused.mean as f32, fused.variance as f32);
         }

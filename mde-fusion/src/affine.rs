@@ -59,14 +59,8 @@ pub fn affine_wls(samples: &[Sample]) -> Option<AffineFit> {
     (a.is_finite() && b.is_finite()).then(|| line.describe(Affine { a, b }))
 }
 
-/// The diagnostics of [`affine_wls`] for a given map.
-pub(crate) fn diagnose(samples: &[Sample], affine: Affine) -> Option<AffineFit> {
-    Some(Line::new(samples)?.describe(affine))
-}
-
 /// Centred weighted sums of pairs \\((u, v)\\).
-#[derive(Debug, Clone, Copy)]
-struct Line {
+pub(crate) struct Line {
     sum_p: f64,
     sum_pp: f64,
     mean_u: f64,
@@ -78,7 +72,7 @@ struct Line {
 
 impl Line {
     /// Sums with weights relative to the largest; `None` without positive weight.
-    fn new(samples: &[Sample]) -> Option<Self> {
+    pub(crate) fn new(samples: &[Sample]) -> Option<Self> {
         let least = least_variance(samples.iter().map(|s| s.variance));
         let points = samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v));
         // About the first point, so that the sums of a constant are exactly constant.
@@ -101,7 +95,8 @@ impl Line {
         Some(Self { sum_p, sum_pp, mean_u, mean_v, suu, suv, svv })
     }
 
-    fn describe(&self, affine: Affine) -> AffineFit {
+    /// The diagnostics of a map of these pairs.
+    pub(crate) fn describe(&self, affine: Affine) -> AffineFit {
         let correlation = self.suv / (self.suu.sqrt() * self.svv.sqrt());
         let total = self.suu + self.sum_p * self.mean_u * self.mean_u;
         AffineFit {

@@ -47,7 +47,15 @@ pub fn aggregate(views: &[GaussianDepth], rule: Aggregation) -> Result<GaussianD
         let known = pixels.iter_mut().filter_map(Iterator::next).filter(|(_, v)| v.is_finite());
         estimates.clear();
         estimates.extend(known.map(|(&m, &v)| Gaussian::new(f64::from(m), f64::from(v))));
-        if let Some(g) = combine(&estimates, rule) {
+        let nearest =
+            |a: &&Gaussian, b: &&Gaussian| a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance));
+        let combined = match rule {
+            Aggregation::Precision => precision_weighted(&estimates),
+            Aggregation::Mixture => precision_weighted(&estimates)
+                .map(|g| Gaussian { variance: mixture_variance(&estimates, g.mean), ..g }),
+            Aggregation::MinDepth => estimates.iter().min_by(nearest).copied(),
+        };
+        if let Some(g) = combined {
             (*mean, *variance) = (to_f32(g.mean), to_f32(g.variance));
         }
     }
@@ -61,20 +69,6 @@ pub(crate) fn check_shapes(views: &[GaussianDepth], expected: (usize, usize)) ->
     }
 }
 
-fn combine(estimates: &[Gaussian], rule: Aggregation) -> Option<Gaussian> {
-    match rule {
-        Aggregation::Precision => precision_weighted(estimates),
-        Aggregation::Mixture => {
-            let Gaussian { mean, .. } = precision_weighted(estimates)?;
-            Some(Gaussian::new(mean, mixture_variance(estimates, mean)))
-        }
-        Aggregation::MinDepth => estimates
-            .iter()
-            .copied()
-            .min_by(|a, b| a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance))),
-    }
-}
-
 /// Precision-weighted mean of independent estimates (Eq. 7-8).
 ///
 /// \\[ \tau_r = \sum_{j\in\mathcal V} \frac{1}{(\sigma_r^2)^{(j)}},\qquad
@@ -84,9 +78,8 @@ fn combine(estimates: &[Gaussian], rule: Aggregation) -> Option<Gaussian> {
 /// `None` where there is no estimate, that is \\(\tau_r = 0\\). The weights are taken relative to the largest, so
 /// that no precision overflows. Estimates of variance 0 are exact: their plain mean is the limit, with variance 0.
 pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
-    let first = estimates.first()?;
-    let least =
-        Some(least_variance(estimates.iter().map(|g| g.variance))).filter(|least| least.is_finite())?;
+    let least = least_variance(estimates.iter().map(|g| g.variance));
+    let first = estimates.first().filter(|_| least.is_finite())?;
     let (mut tau, mut offset) = (0.0, 0.0);
     // About the first estimate: equal estimates then give exactly themselves.
     for g in estimates {

@@ -1,4 +1,4 @@
-use crate::affine::{accepted, diagnose};
+use crate::affine::{Line, accepted};
 use crate::aggregate::check_shapes;
 use crate::gaussian::to_f32;
 use crate::posterior::nerf_weight;
@@ -65,18 +65,9 @@ impl BayesFuser {
         Ok(Self { config })
     }
 
-    fn aggregate(&self, views: &[GaussianDepth], (height, width): (usize, usize)) -> Result<GaussianDepth> {
-        let config = &self.config;
-        if views.is_empty() {
-            return Ok(GaussianDepth::missing(height, width));
-        }
-        let floor = variance_floor(views, config.variance_floor);
-        aggregate(&with_variance(views, config.variance, floor), config.aggregation)
-    }
-
     /// The affine fit, and its map; without a map the result is the prior.
     fn calibrate(&self, samples: &[Sample]) -> (Option<AffineFit>, Result<Affine, Degenerate>) {
-        let identity = || diagnose(samples, Affine::IDENTITY);
+        let identity = || Line::new(samples).map(|line| line.describe(Affine::IDENTITY));
         if self.config.calibration == Calibration::None && samples.len() > 1 {
             return (identity(), Ok(Affine::IDENTITY));
         }
@@ -149,7 +140,10 @@ impl BayesFuser {
 impl Fuser for BayesFuser {
     fn fuse(&self, prior: &Prior, views: &[GaussianDepth]) -> Result<Fused> {
         check_shapes(views, prior.dim())?;
-        let aggregated = self.aggregate(views, prior.dim())?;
+        let aggregated = match views {
+            [] => GaussianDepth::missing(prior.dim().0, prior.dim().1),
+            _ => aggregate(&with_variance(views, &self.config), self.config.aggregation)?,
+        };
         let (samples, inside) = overlap(&aggregated, prior);
         let (fit, affine) = self.calibrate(&samples);
 
@@ -215,25 +209,19 @@ fn variance_quantiles(map: &GaussianDepth) -> [f64; 5] {
     [0.05, 0.25, 0.5, 0.75, 0.95].map(|q| quantile(&mut values, q).unwrap_or(0.0))
 }
 
-/// Lower bound of the views' variance: \\((\epsilon \cdot \operatorname{median} |\mu|)^2\\).
+/// The views with variances by the configuration's rule, at least \\((\epsilon \cdot \operatorname{median} |\mu|)^2\\).
 ///
 /// A surface inside one bin of a ray has a computed variance of 0, and would take all the weight of Eq. 7 and Eq. 11.
-/// The floor is relative to the median depth of the views, so that it follows the unit. `relative` is
-/// \\(\epsilon\\). Never less than the smallest normal `f32`, so that a precision stays finite.
-fn variance_floor(views: &[GaussianDepth], relative: f64) -> f64 {
-    let depths = views.iter().flat_map(known).map(|(mean, _)| mean.abs());
-    let floor = (relative * median(depths).unwrap_or(0.0)).powi(2);
-    floor.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX))
-}
-
-/// The views with variances by `rule`, none of them below `floor`.
-fn with_variance(views: &[GaussianDepth], rule: VarianceRule, floor: f64) -> Vec<GaussianDepth> {
-    let constant = match rule {
+/// The floor is relative to the median depth of the views, so that it follows the unit; \\(\epsilon\\) is the configuration's
+/// `variance_floor`. Never less than the smallest normal `f32`, so that a precision stays finite.
+fn with_variance(views: &[GaussianDepth], config: &FusionConfig) -> Vec<GaussianDepth> {
+    let median_of = |value: fn((f32, f32)) -> f32| median(views.iter().flat_map(known).map(value));
+    let floor = (config.variance_floor * median_of(|(mean, _)| mean.abs()).unwrap_or(0.0)).powi(2);
+    let floor = (floor as f32).clamp(f32::MIN_POSITIVE, f32::MAX);
+    let constant = match config.variance {
         VarianceRule::Computed => None,
-        VarianceRule::ConstantMedian => median(views.iter().flat_map(known).map(|(_, variance)| variance)),
+        VarianceRule::ConstantMedian => median_of(|(_, variance)| variance).map(|c| c as f32),
     };
-    let floor = floor as f32;
-    let constant = constant.map(|c| c as f32);
     let adjust = |view: &GaussianDepth| view.clone().map(|m, v| (m, constant.unwrap_or(v).max(floor)));
     views.iter().map(adjust).collect()
 }

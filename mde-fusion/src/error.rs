@@ -42,12 +42,5 @@ pub enum Error {
     External(Box<dyn std::error::Error + Send + Sync>),
 }
 
-impl Error {
-    /// The error of another implementation of [`Fuser`](crate::Fuser).
-    pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
-        Self::External(error.into())
-    }
-}
-
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;

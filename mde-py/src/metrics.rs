@@ -14,22 +14,20 @@ type Mask<'py> = PyReadonlyArray2<'py, bool>;
 type Table<'py> = Bound<'py, PyArray2<f64>>;
 
 /// A curve of two lists, one row a point.
-fn curve<'py, const N: usize>(
+fn curve<'py, T: Into<[f64; N]> + Send, const N: usize>(
     py: Python<'py>,
     lists: [List<'_>; 2],
-    work: impl FnOnce(&[f64], &[f64]) -> mde_eval::Result<Vec<[f64; N]>> + Send,
+    work: impl FnOnce(&[f64], &[f64]) -> mde_eval::Result<Vec<T>> + Send,
 ) -> PyResult<Table<'py>> {
     let [a, b] = lists.map(|list| list.as_array().to_vec());
     let points = py.detach(|| work(&a, &b)).map_err(raise)?;
-    Ok(Array2::from(points).into_pyarray(py))
+    Ok(Array2::from(points.into_iter().map(T::into).collect::<Vec<_>>()).into_pyarray(py))
 }
 
 /// Nominal and observed coverage.
 #[pyfunction]
 pub(crate) fn reliability<'py>(py: Python<'py>, errors: List<'py>, sigma: List<'py>) -> PyResult<Table<'py>> {
-    curve(py, [errors, sigma], |errors, sigma| {
-        Ok(calibration::reliability(errors, sigma)?.into_iter().map(|point| [point.0, point.1]).collect())
-    })
+    curve(py, [errors, sigma], calibration::reliability)
 }
 
 /// Mean sigma and mean cost by percentile of sigma.
@@ -40,10 +38,7 @@ pub(crate) fn costs_by_sigma<'py>(
     sigma: List<'py>,
     bins: usize,
 ) -> PyResult<Table<'py>> {
-    curve(py, [costs, sigma], |costs, sigma| {
-        let found = sparsification::costs_by_uncertainty(costs, sigma, bins)?;
-        Ok(found.into_iter().map(|bin| [bin.0, bin.1]).collect())
-    })
+    curve(py, [costs, sigma], |costs, sigma| sparsification::costs_by_uncertainty(costs, sigma, bins))
 }
 
 /// Share removed, cost of the rest by sigma and by the oracle.

@@ -44,7 +44,10 @@ pub(crate) struct Given {
 impl Settings {
     #[new]
     fn new(given: Given) -> PyResult<Self> {
-        let preset = named(&given.preset)?;
+        let preset = Preset::ALL.into_iter().find(|one| one.name() == given.preset).ok_or_else(|| {
+            let names = Preset::ALL.map(Preset::name).join(", ");
+            raise(format!("preset is {:?}; give one of: {names}", given.preset))
+        })?;
         let config = preset.config();
         let text = given.config;
         let config = match &*given.form {
@@ -85,11 +88,4 @@ impl Settings {
             keep_field: given.keep_field,
         }))
     }
-}
-
-fn named(name: &str) -> PyResult<Preset> {
-    Preset::ALL.into_iter().find(|preset| preset.name() == name).ok_or_else(|| {
-        let names: Vec<&str> = Preset::ALL.iter().map(|preset| preset.name()).collect();
-        raise(format!("preset is {name:?}; give one of: {}", names.join(", ")))
-    })
 }

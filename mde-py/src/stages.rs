@@ -1,7 +1,7 @@
 //! The stages alone.
 
 use crate::error::raise;
-use crate::refine::{Camera, rigid};
+use crate::refine::{Camera, Object, rigid};
 use crate::settings::Settings;
 use mde_cli::mde_fusion::{self, BayesFuser, Fuser, Prior, Sample};
 use mde_cli::mde_uncertainty::GaussianDepth;
@@ -11,8 +11,6 @@ use ndarray::{Array1, Array2, ArrayView2, Zip};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-
-type Object<'py> = Bound<'py, PyAny>;
 
 /// Depth with a standard deviation of the same shape, infinite where missing.
 fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> PyResult<GaussianDepth> {
@@ -76,15 +74,7 @@ pub(crate) fn affine_wls(
     Some([affine.a, affine.b, fit.effective_support, fit.correlation, fit.relative_spread])
 }
 
-/// Opacity, mean, variance of each ray, and the weights of its bins.
-type Moments<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-);
-
-/// Eq. 2-5 for rays `[rays, bins]`.
+/// Eq. 2-5 for rays `[rays, bins]`: opacity, mean, variance of each ray, and the weights of its bins.
 #[pyfunction]
 pub(crate) fn termination_moments<'py>(
     py: Python<'py>,
@@ -92,7 +82,7 @@ pub(crate) fn termination_moments<'py>(
     depth: PyReadonlyArray2<'py, f64>,
     extent: PyReadonlyArray2<'py, f64>,
     uniform: bool,
-) -> Moments<'py> {
+) -> ([Bound<'py, PyArray1<f64>>; 3], Bound<'py, PyArray2<f64>>) {
     let rule = if uniform { InBinVariance::Uniform } else { InBinVariance::Midpoint };
     let (density, depth, extent) = (density.as_array(), depth.as_array(), extent.as_array());
     let (rays, bins) = density.dim();
@@ -109,7 +99,7 @@ pub(crate) fn termination_moments<'py>(
             row.iter_mut().zip(found).for_each(|(to, weight)| *to = weight);
         }
     });
-    (opacity.into_pyarray(py), mean.into_pyarray(py), variance.into_pyarray(py), all.into_pyarray(py))
+    ([opacity, mean, variance].map(|list| list.into_pyarray(py)), all.into_pyarray(py))
 }
 
 /// Eq. 1: an image with its depth, seen from another pose. `source` has its camera and the motion to the other, `target` that and

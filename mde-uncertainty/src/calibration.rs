@@ -227,17 +227,14 @@ fn rounded(value: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn fingerprint() -> Fingerprint {
-        Fingerprint { settings: "s".to_owned(), model: Some("m".to_owned()) }
-    }
-
     fn fitted() -> Calibration {
         let text = |s: &str| s.to_owned();
         let source =
             CalibrationSource { method: text("m"), data: text("d"), prior: text("p"), alignment: text("a") };
         let scene = |by: f64| (0..=100).map(|k| by * f64::from(k) / 50.0).collect::<Vec<_>>();
         let scenes = vec![("one".to_owned(), scene(1.0)), ("two".to_owned(), scene(2.0))];
-        Calibration::fit(source, fingerprint(), scenes).unwrap()
+        let fingerprint = Fingerprint { settings: text("s"), model: Some(text("m")) };
+        Calibration::fit(source, fingerprint, scenes).unwrap()
     }
 
     #[test]
@@ -268,13 +265,15 @@ mod tests {
     #[test]
     fn another_model_is_not_another_setting() {
         let calibration = fitted();
-        assert_eq!(calibration.mismatch(&fingerprint()), None);
-        for model in [None, Some("n".to_owned())] {
-            let run = Fingerprint { model, ..fingerprint() };
-            assert_eq!(calibration.mismatch(&run), Some(Mismatch::Model));
+        for (settings, model, expected) in [
+            ("s", Some("m"), None),
+            ("s", Some("n"), Some(Mismatch::Model)),
+            ("s", None, Some(Mismatch::Model)),
+            ("t", None, Some(Mismatch::Settings)),
+        ] {
+            let run = Fingerprint { settings: settings.to_owned(), model: model.map(str::to_owned) };
+            assert_eq!(calibration.mismatch(&run), expected);
         }
-        let run = Fingerprint { settings: "t".to_owned(), model: None };
-        assert_eq!(calibration.mismatch(&run), Some(Mismatch::Settings));
     }
 
     /// Sigmas of 0 would be exact, and infinite ones missing.

@@ -68,10 +68,8 @@ impl PinholeCamera {
 
     fn centred(focal: f64, width: usize, height: usize) -> Result<Self> {
         let middle = |size: usize| 0.5 * (size as f64 - 1.0);
-        let camera = Self { fx: focal, fy: focal, cx: middle(width), cy: middle(height), width, height };
-        camera.check_size()?;
-        camera.validate()?;
-        Ok(camera)
+        check_size(width, height)?;
+        Self::new(focal, focal, middle(width), middle(height), width, height)
     }
 
     /// Checks that the focal lengths are finite and positive, the principal point finite and the image of at least one
@@ -86,15 +84,7 @@ impl PinholeCamera {
         for (field, value) in [("cx", self.cx), ("cy", self.cy)] {
             check(value.is_finite(), field, value, "finite (pixels)")?;
         }
-        self.check_size()
-    }
-
-    fn check_size(&self) -> Result<()> {
-        for (field, size) in [("width", self.width), ("height", self.height)] {
-            check(size > 0, field, 0.0, "at least 1 pixel")?;
-        }
-        let pixels = self.width as f64 * self.height as f64;
-        check(pixels <= MAX_PIXELS, "number of pixels", pixels, "at most 2^28; resize the image")
+        check_size(self.width, self.height)
     }
 
     /// `(height, width)`, the shape of this camera's maps.
@@ -138,7 +128,7 @@ impl PinholeCamera {
         self.validate()?;
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         // An empty size is reported as such, not as the focal length 0 that follows from it.
-        Self { width, height, ..*self }.check_size()?;
+        check_size(width, height)?;
         let (cx, cy) = ((self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5);
         Self::new(self.fx * sx, self.fy * sy, cx, cy, width, height)
     }
@@ -148,6 +138,14 @@ impl PinholeCamera {
         let inside = |x: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&x);
         inside(pixel.x, self.width) && inside(pixel.y, self.height)
     }
+}
+
+fn check_size(width: usize, height: usize) -> Result<()> {
+    for (field, size) in [("width", width), ("height", height)] {
+        check(size > 0, field, 0.0, "at least 1 pixel")?;
+    }
+    let pixels = width as f64 * height as f64;
+    check(pixels <= MAX_PIXELS, "number of pixels", pixels, "at most 2^28; resize the image")
 }
 
 /// [`Error::Camera`] for a value that is not sound.

@@ -58,16 +58,10 @@ pub enum Error {
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// An [`Error::Config`] unless `value` is a number in `[low, high]`.
-pub(crate) fn in_range(
-    field: &'static str,
-    value: f64,
-    [low, high]: [f64; 2],
-    remedy: &'static str,
-) -> Result<()> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(Error::Config { field, value: value.to_string(), remedy })
+/// An [`Error::Config`] unless `value` is a number in `ends`, both included.
+pub(crate) fn in_range(field: &'static str, value: f64, ends: [f64; 2], remedy: &'static str) -> Result<()> {
+    match (ends[0]..=ends[1]).contains(&value) {
+        true => Ok(()),
+        false => Err(Error::Config { field, value: value.to_string(), remedy }),
     }
 }

@@ -63,7 +63,7 @@ impl Patch {
 
 /// The surface of one depth map, projected into one target camera.
 pub(crate) struct Mesh {
-    transfer: Transfer,
+    pub(crate) transfer: Transfer,
     tear: f64,
     /// Columns of the padded maps below, which have a frame of missing pixels about them.
     stride: usize,
@@ -93,16 +93,13 @@ impl Mesh {
         Self { transfer, tear, stride, disparity, projected }
     }
 
-    pub(crate) fn transfer(&self) -> &Transfer {
-        &self.transfer
-    }
-
     /// Every sample of the surface at a target pixel centre. A pixel may get several, of one surface or of many.
     pub(crate) fn rasterise(&self, mut emit: impl FnMut((usize, usize), Hit)) {
         let rows = self.disparity.len() / self.stride;
         for row in 0..rows - 1 {
             for column in 0..self.stride - 1 {
-                self.cell(row, column, &mut emit);
+                let d = std::array::from_fn(|k| self.disparity[self.corner_index(row, column, k)]);
+                Cell { mesh: self, row, column, d }.draw(&mut emit);
             }
         }
     }
@@ -111,64 +108,11 @@ impl Mesh {
         (row + (k >> 1)) * self.stride + column + (k & 1)
     }
 
-    fn corner(&self, row: usize, column: usize, k: usize) -> Corner {
-        let (s, t) = OFFSET[k];
-        let projected = self.projected[self.corner_index(row, column, k)];
-        Corner { projected, u: column as f64 - 1.0 + s, v: row as f64 - 1.0 + t }
-    }
-
-    #[inline]
-    fn cell(&self, row: usize, column: usize, emit: &mut impl FnMut((usize, usize), Hit)) {
-        let d: [f64; 4] = std::array::from_fn(|k| self.disparity[self.corner_index(row, column, k)]);
-        if self.spread(&d).is_some() {
-            let split = if (d[1] - d[2]).abs() <= (d[0] - d[3]).abs() { [3, 0] } else { [2, 1] };
-            return self.triangles(row, column, &split, Part::Whole, emit);
-        }
-        if d.iter().any(|&d| d > 0.0) {
-            self.torn(row, column, &d, emit);
-        }
-    }
-
     /// The difference of the largest and the least, where all are there and it is within the tear threshold: they lie on one surface.
     fn spread(&self, disparities: &[f64]) -> Option<f64> {
         let (low, high) =
             disparities.iter().fold((f64::INFINITY, 0.0_f64), |(l, h), &d| (l.min(d), h.max(d)));
         (low > 0.0 && high - low <= self.tear * high).then_some(high - low)
-    }
-
-    fn triangles(
-        &self,
-        row: usize,
-        column: usize,
-        without: &[usize],
-        part: Part,
-        emit: &mut impl FnMut((usize, usize), Hit),
-    ) {
-        let patch = Patch { row: row as u32, column: column as u32, part };
-        for &k in without {
-            let corners = WITHOUT[k].map(|k| self.corner(row, column, k));
-            triangle(&corners, self.transfer.target.dim(), patch, &mut *emit);
-        }
-    }
-
-    #[cold]
-    fn torn(&self, row: usize, column: usize, d: &[f64; 4], emit: &mut impl FnMut((usize, usize), Hit)) {
-        let ranges: [Option<f64>; 4] = std::array::from_fn(|k| self.spread(&WITHOUT[k].map(|k| d[k])));
-        for split in [[3, 0], [2, 1]] {
-            if split.iter().all(|&k| ranges[k].is_some()) {
-                return self.triangles(row, column, &split, Part::Whole, emit);
-            }
-        }
-        let best = (0..4).filter_map(|k| Some((k, ranges[k]?))).min_by(|a, b| a.1.total_cmp(&b.1));
-        let quarters = Quarters { mesh: self, row, column, d };
-        let Some((left_out, _)) = best else {
-            return (0..4).for_each(|k| quarters.draw(k, [true, true], emit));
-        };
-        self.triangles(row, column, &[left_out], Part::Without(left_out as u8), emit);
-        quarters.draw(left_out, [true, true], emit);
-        // The triangle holds half of its neighbours' quarters already.
-        quarters.draw(left_out ^ 1, [true, false], emit);
-        quarters.draw(left_out ^ 2, [false, true], emit);
     }
 
     /// Disparity per pixel (to the right, downwards) of the surface at a pixel, from its neighbours on that surface.
@@ -187,37 +131,77 @@ impl Mesh {
     }
 }
 
-/// The quarters of a cell that lies on more than one surface, or on one and a piece.
-struct Quarters<'a> {
+/// A cell of a mesh, with the disparities of its corners.
+struct Cell<'a> {
     mesh: &'a Mesh,
     row: usize,
     column: usize,
-    d: &'a [f64; 4],
+    d: [f64; 4],
 }
 
-impl Quarters<'_> {
+impl Cell<'_> {
+    #[inline]
+    fn draw(&self, emit: &mut impl FnMut((usize, usize), Hit)) {
+        let d = &self.d;
+        if self.mesh.spread(d).is_some() {
+            let split = if (d[1] - d[2]).abs() <= (d[0] - d[3]).abs() { [3, 0] } else { [2, 1] };
+            self.triangles(&split, Part::Whole, emit);
+        } else if d.iter().any(|&d| d > 0.0) {
+            self.torn(emit);
+        }
+    }
+
+    fn triangles(&self, without: &[usize], part: Part, emit: &mut impl FnMut((usize, usize), Hit)) {
+        for &k in without {
+            self.triangle(&WITHOUT[k].map(|k| self.corner(k)), part, emit);
+        }
+    }
+
+    fn triangle(&self, corners: &[Corner; 3], part: Part, emit: &mut impl FnMut((usize, usize), Hit)) {
+        let patch = Patch { row: self.row as u32, column: self.column as u32, part };
+        triangle(corners, self.mesh.transfer.target.dim(), patch, emit);
+    }
+
+    /// A cell that lies on more than one surface, or on one and a piece.
+    #[cold]
+    fn torn(&self, emit: &mut impl FnMut((usize, usize), Hit)) {
+        let ranges: [_; 4] = std::array::from_fn(|k| self.mesh.spread(&WITHOUT[k].map(|k| self.d[k])));
+        for split in [[3, 0], [2, 1]] {
+            if split.iter().all(|&k| ranges[k].is_some()) {
+                return self.triangles(&split, Part::Whole, emit);
+            }
+        }
+        let best = (0..4).filter_map(|k| Some((k, ranges[k]?))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((left_out, _)) = best else {
+            return (0..4).for_each(|k| self.quarter(k, [true, true], emit));
+        };
+        self.triangles(&[left_out], Part::Without(left_out as u8), emit);
+        self.quarter(left_out, [true, true], emit);
+        // The triangle holds half of its neighbours' quarters already.
+        self.quarter(left_out ^ 1, [true, false], emit);
+        self.quarter(left_out ^ 2, [false, true], emit);
+    }
+
     /// The quarter of corner `k` as two triangles, either of which may be left out: the one towards the row's neighbour and
     /// the one towards the column's.
-    fn draw(&self, k: usize, [row_side, column_side]: [bool; 2], emit: &mut impl FnMut((usize, usize), Hit)) {
+    fn quarter(&self, k: usize, sides: [bool; 2], emit: &mut impl FnMut((usize, usize), Hit)) {
         if self.d[k] <= 0.0 {
             return;
         }
         let (s, t) = OFFSET[k];
-        let pixel = self.mesh.corner(self.row, self.column, k);
+        let pixel = self.corner(k);
         let surface = self.surface(k);
         let middle = self.point(k, surface, 0.5, 0.5);
-        let part = Part::Quarter(k as u8);
-        let patch = Patch { row: self.row as u32, column: self.column as u32, part };
         let mut draw = |a: Corner, b: Corner| {
             // The cell is mirrored for corners 1 and 2.
             let corners = if k == 1 || k == 2 { [pixel, b, a] } else { [pixel, a, b] };
-            triangle(&corners, self.mesh.transfer.target.dim(), patch, &mut *emit);
+            self.triangle(&corners, Part::Quarter(k as u8), emit);
         };
         let members = |other: usize| surface & (1 << k | 1 << other);
-        if row_side {
+        if sides[0] {
             draw(self.point(k, members(k ^ 1), 0.5, t), middle);
         }
-        if column_side {
+        if sides[1] {
             draw(middle, self.point(k, members(k ^ 2), s, 0.5));
         }
     }
@@ -234,6 +218,12 @@ impl Quarters<'_> {
             }
         }
         bits
+    }
+
+    fn corner(&self, k: usize) -> Corner {
+        let (s, t) = OFFSET[k];
+        let projected = self.mesh.projected[self.mesh.corner_index(self.row, self.column, k)];
+        Corner { projected, u: self.column as f64 - 1.0 + s, v: self.row as f64 - 1.0 + t }
     }
 
     /// The point `(s, t)` of the cell on the surface of corner `k`: the mean of the extrapolations from `members`, so that

@@ -5,7 +5,6 @@ use crate::view::check_map;
 use crate::zbuffer::{Hit, front};
 use crate::{PinholeCamera, Pose, Result};
 use mde_uncertainty::GaussianDepth;
-use ndarray::Array2;
 
 /// Settings of [`reproject`].
 #[derive(Debug, Clone, PartialEq)]
@@ -85,15 +84,8 @@ pub fn reproject(
     let transfer = Transfer::new((camera, pose), (target_camera, target))?;
     check_map("depth", depth.dim(), camera)?;
 
-    let mixtures = combine(&Mesh::new(depth, transfer, config.tear), depth, config);
-    let moments = mixtures.mapv(|mixture| mixture.moments().unwrap_or((0.0, f32::INFINITY)));
-    Ok(GaussianDepth::new(moments.mapv(|m| m.0), moments.mapv(|m| m.1))?)
-}
-
-/// The front of every target pixel, and then all samples that belong to it.
-fn combine(mesh: &Mesh, depth: &GaussianDepth, config: &ReprojectConfig) -> Array2<Mixture> {
-    let transfer = mesh.transfer();
-    let mut mixtures = front(mesh).mapv(|hit| Mixture::behind(&hit, depth, transfer, config));
+    let mesh = Mesh::new(depth, transfer, config.tear);
+    let mut mixtures = front(&mesh).mapv(|hit| Mixture::behind(&hit, depth, &transfer, config));
     mesh.rasterise(|pixel, hit| {
         if let Some(mixture) = mixtures.get_mut(pixel)
             && hit.inverse_depth >= mixture.last
@@ -104,7 +96,8 @@ fn combine(mesh: &Mesh, depth: &GaussianDepth, config: &ReprojectConfig) -> Arra
             mixture.add(hit.depth(), gain * gain * variance);
         }
     });
-    mixtures
+    let moments = mixtures.mapv(|mixture| mixture.moments().unwrap_or((0.0, f32::INFINITY)));
+    Ok(GaussianDepth::new(moments.mapv(|m| m.0), moments.mapv(|m| m.1))?)
 }
 
 /// The samples of one surface at one pixel, about the depth of the front one.

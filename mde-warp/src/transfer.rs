@@ -105,24 +105,19 @@ pub struct Seen {
     pub ratio: f64,
 }
 
-fn matrix(camera: &PinholeCamera) -> Matrix3<f64> {
-    Matrix3::new(camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
-}
-
-fn inverse_matrix(c: &PinholeCamera) -> Matrix3<f64> {
-    Matrix3::new(1.0 / c.fx, 0.0, -c.cx / c.fx, 0.0, 1.0 / c.fy, -c.cy / c.fy, 0.0, 0.0, 1.0)
-}
-
 impl PlaneTransfer {
     /// From one view to another; both as [`PosedView::validate`] accepts them.
     pub fn new(source: &PosedView, target: &PosedView) -> Self {
         let motion = target.pose * source.pose.inverse();
-        let k = matrix(&target.camera);
+        let (s, t) = (&source.camera, &target.camera);
+        let inverse =
+            Matrix3::new(1.0 / s.fx, 0.0, -s.cx / s.fx, 0.0, 1.0 / s.fy, -s.cy / s.fy, 0.0, 0.0, 1.0);
+        let matrix = Matrix3::new(t.fx, 0.0, t.cx, 0.0, t.fy, t.cy, 0.0, 0.0, 1.0);
         Self {
-            rotation: k * motion.rotation.to_rotation_matrix().into_inner() * inverse_matrix(&source.camera),
-            translation: k * motion.translation.vector,
-            width: target.camera.width,
-            height: target.camera.height,
+            rotation: matrix * motion.rotation.to_rotation_matrix().into_inner() * inverse,
+            translation: matrix * motion.translation.vector,
+            width: t.width,
+            height: t.height,
         }
     }
 

@@ -37,7 +37,7 @@ fn room() -> (Prior, Vec<GaussianDepth>) {
 
 proptest! {
     #[test]
-    fn no_input_makes_nan_or_a_panic((prior, views) in wild_scene(6, 4), config in config()) {
+    fn no_input_makes_nan_or_a_panic((prior, views) in wild_scene(), config in config()) {
         let fused = fuse(config, &prior, &views);
         for map in [&fused.depth, &fused.aggregated, &fused.aligned] {
             prop_assert_eq!(map.dim(), prior.dim());
@@ -211,16 +211,15 @@ fn degenerate_calibrations_give_the_prior_and_a_reason() {
     let mut variance = Array2::from_elem((12, 16), f32::INFINITY);
     variance[(4, 4)] = 0.01;
     let one = [GaussianDepth::new(Array2::from_elem((12, 16), 2.0), variance).unwrap()];
-    type Case<'a> = (&'a [GaussianDepth], fn(&Degenerate) -> bool);
-    let cases: [Case<'_>; 3] = [
-        (&mirrored, |d| matches!(d, Degenerate::Scale { a } if *a < 0.0)),
-        (&flat, |d| matches!(d, Degenerate::Singular { .. })),
-        (&one, |d| matches!(d, Degenerate::Support { found: 1 })),
+    let cases = [
+        (&mirrored[..], "the scale -"),
+        (&flat, "the views' depth is constant"),
+        (&one, "only 1 pixels have both a prior depth and a view"),
     ];
     for (views, expected) in cases {
         let fused = fuse(FusionConfig::paper(), &prior, views);
         let reason = fused.report.degenerate.unwrap();
-        assert!(expected(&reason), "{reason}");
+        assert!(reason.to_string().starts_with(expected), "{reason}");
         assert!(fused.report.warnings.contains(&Warning::Degenerate { reason }));
         assert_eq!(fused.depth.mean(), prior.mean());
         assert_eq!((fused.report.a, fused.report.b, fused.report.nerf_weight), (1.0, 0.0, 0.0));

@@ -190,7 +190,7 @@ def termination_moments(density: ArrayLike, edges: ArrayLike, *, uniform: bool =
     def flat(part: Doubles) -> Doubles:
         return np.ascontiguousarray(part).reshape(-1, densities.shape[-1])
 
-    opacity, mean, variance, weights = native.termination_moments(
+    (opacity, mean, variance), weights = native.termination_moments(
         flat(densities), flat(middle), flat(extent), uniform
     )
     return Moments(

@@ -34,7 +34,7 @@ use std::time::Instant;
 const RESERVED: [&str; 5] = ["colmap", "cloud.ply", "transforms.json", "run.json", "index.html"];
 
 /// Any Python object.
-type Object<'py> = pyo3::Bound<'py, PyAny>;
+pub(crate) type Object<'py> = pyo3::Bound<'py, PyAny>;
 
 /// Results, each with the pose of a photograph that others refined, and the record of every photograph.
 type Made = (Vec<(Outcome, Option<Pose>)>, Option<String>);

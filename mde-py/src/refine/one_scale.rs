@@ -23,15 +23,12 @@ pub(super) fn same_scale_of((factor, log_sigma, group, photographs): Factor) -> 
 
 /// The factors of so many photographs, which are added in their order.
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
-pub(crate) struct OneScale {
-    scale: Mutex<same_scale::OneScale>,
-    outcome: Mutex<Outcome>,
-}
+pub(crate) struct OneScale(Mutex<State>);
 
-/// Whether any photograph could be prepared, else why not.
-#[derive(Default)]
-struct Outcome {
-    prepared: bool,
+struct State {
+    scale: same_scale::OneScale,
+    /// Whether any photograph could be prepared, else why not.
+    any: bool,
     first_error: Option<PyErr>,
 }
 
@@ -39,8 +36,8 @@ struct Outcome {
 impl OneScale {
     #[new]
     fn new(photographs: usize, settings: &Settings) -> Self {
-        let scale = Mutex::new(same_scale::OneScale::new(photographs, &settings.0.config));
-        Self { scale, outcome: Mutex::default() }
+        let scale = same_scale::OneScale::new(photographs, &settings.0.config);
+        Self(Mutex::new(State { scale, any: false, first_error: None }))
     }
 
     /// Adds the next photographs, nothing for those that can't be read. The result is the number of matching pairs.
@@ -57,19 +54,17 @@ impl OneScale {
         let mut errors = Vec::new();
         let mut opened = |one: Arguments<'py>| Inputs::new(one).map_err(|error| errors.push(error)).ok();
         let inputs: Vec<_> = photographs.into_iter().map(|one| one.and_then(&mut opened)).collect();
-        let mut outcome = lock(&self.outcome);
-        let outcome = &mut *outcome;
+        let mut state = lock(&self.0);
+        let State { scale, any, first_error } = &mut *state;
         worker::run(py, threads, server(py, model, None), |link| {
-            let mut scale = lock(&self.scale);
             let tried: Vec<Option<Result<Prepared, String>>> = prior.open(link, |open| {
                 let refiner = Refiner::new(open, settings.0.clone()).map_err(message)?;
-                let one = |one: Option<Inputs>| Some(prepared(&scale, link, &refiner, one?));
+                let one = |one: Option<Inputs>| Some(prepared(scale, link, &refiner, one?));
                 Ok::<_, String>(inputs.into_par_iter().map(one).collect())
             })?;
             let failed = tried.iter().flatten().filter_map(|one| one.as_ref().err());
-            outcome.prepared |= tried.iter().flatten().any(Result::is_ok);
-            outcome.first_error =
-                outcome.first_error.take().or_else(|| errors.into_iter().chain(failed.map(raise)).next());
+            *any |= tried.iter().flatten().any(Result::is_ok);
+            *first_error = first_error.take().or_else(|| errors.into_iter().chain(failed.map(raise)).next());
             let prepared: Vec<Option<Prepared>> = tried.into_iter().map(|one| one?.ok()).collect();
             let pairs: Vec<_> =
                 prepared.into_iter().flat_map(|prepared| scale.matches.add(prepared)).collect();
@@ -82,11 +77,10 @@ impl OneScale {
 
     /// The factor of each photograph, and a warning where they are of several groups.
     fn factors(&self) -> PyResult<(Vec<Factor>, Option<String>)> {
-        let mut outcome = lock(&self.outcome);
-        if let Some(error) = outcome.first_error.take().filter(|_| !outcome.prepared) {
+        let State { scale, any, first_error } = &mut *lock(&self.0);
+        if let Some(error) = first_error.take().filter(|_| !*any) {
             return Err(error);
         }
-        let scale = lock(&self.scale);
         let factors = scale.factors().map_err(raise)?;
         let warning = groups_warning(&factors, "SameScale.group").map(|text| keywords(&text));
         let factor = |found: SameScale| (found.factor, found.log_sigma, found.group, found.photographs);

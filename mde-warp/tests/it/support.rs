@@ -17,8 +17,7 @@ pub(crate) struct Plane(pub(crate) f64, pub(crate) f64, pub(crate) f64);
 
 impl Plane {
     pub(crate) fn depth(&self, camera: &PinholeCamera, at: Point2<f64>) -> f64 {
-        let ray = camera.ray(at);
-        1.0 / (self.0 + self.1 * ray.x + self.2 * ray.y)
+        self.depth_from(camera, &Pose::identity(), at)
     }
 
     pub(crate) fn map(&self, camera: &PinholeCamera) -> Array2<f32> {
