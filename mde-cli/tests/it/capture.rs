@@ -1,11 +1,9 @@
 //! Several photographs through the program.
 
-use crate::common::{
-    Place, SIZE, STUDY, calibrations, finished, names, on_disk, ratios, rendered, wait_until,
-};
+use crate::common::{Place, SIZE, STUDY, finished, names, on_disk, ratios, rendered, wait_until};
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
-use mde_cli::mde_prior::photo::{image_size, write_image};
+use mde_cli::mde_prior::photo::image_size;
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::refiner::scene_bytes;
 use mde_cli::{Config, Preset};
@@ -23,10 +21,6 @@ const SMALL: [usize; 2] = [96, 72];
 static KITCHEN: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Kitchen, 3, SIZE));
 
 const REFINE: &str = "refine images/0.png --prior-depth prior.npy --config quick.toml -q";
-
-fn fov(room: &Rendered) -> f64 {
-    2.0 * (0.5 * SIZE[0] as f64 / room.views[0].view.camera.fx).atan().to_degrees()
-}
 
 /// The depth is that of the parallax, in the unit of the poses, as good as with a prior; one photograph alone needs a network.
 #[test]
@@ -113,17 +107,17 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
 #[test]
 fn poses_are_written_and_read_again() {
     let place = on_disk(&KITCHEN);
-    write_image(place.path("black.png"), Array3::zeros((SIZE[1], SIZE[0], 3)).view()).unwrap();
+    place.photograph("black.png", Array3::zeros((SIZE[1], SIZE[0], 3)).view());
     fs::create_dir(place.path("found")).unwrap();
-    place.run(&format!("{REFINE} --views images --fov {} -o estimated", fov(&KITCHEN)));
+    let fov = 2.0 * (0.5 * SIZE[0] as f64 / KITCHEN.views[0].view.camera.fx).atan().to_degrees();
+    place.run(&format!("{REFINE} --views images --fov {fov} -o estimated"));
     let estimated = place.record("estimated")["capture"].clone();
     assert!(estimated["poses"] == "estimated" && estimated["fallback"].is_null(), "{estimated}");
     // Left out before those that follow, whose names stay theirs.
     fs::copy(place.path("images/0.png"), place.path("images/0-copy.png")).unwrap();
     place.write("images/0-torn.png", "torn");
-    let prior = format!("--prior-depth prior.npy --fov {} -q", fov(&KITCHEN));
-    let poses = format!("poses images/0.png images black.png {prior} -o found/found.json");
-    place.run(&poses);
+    let prior = format!("--prior-depth prior.npy --fov {fov} -q");
+    place.run(&format!("poses images/0.png images black.png {prior} -o found/found.json"));
     let size = |path: &Path| image_size(path);
     let file = place.path("found/found.json");
     let found = read_transforms(&file, PixelCentres::Integers, &size).unwrap();
@@ -156,18 +150,13 @@ const DENSE: &str = "dense transforms.json --prior-model grey.onnx --model-profi
 fn every_photograph_gets_a_folder_and_all_a_cloud() {
     let room = rendered(Room::Study, 3, SMALL);
     let place = on_disk(&room);
-    let [usual, commented, changed] = calibrations();
-    place.write("c.toml", &usual);
-    let all = format!("{DENSE} --unit capture --interval 0.8 --calibration c.toml");
+    let all = format!("{DENSE} --unit capture --interval 0.8");
     let (mut child, _lines) = place.start(&format!("{all} -q -o out"));
     wait_until(&mut child, || place.has("out/0/finished.json"));
     child.kill().unwrap();
     assert!(!child.wait().unwrap().success() && !place.has("out/run.json"));
     let words = "lower.npy and upper.npy in each folder: 80 % interval ; 0.png: finished before";
     assert!(finished(&place.prints(&format!("{all} -o out"), 0, words)) <= 2);
-    // One whose map was cut since.
-    place.write("out/0/sigma.npy", "");
-    assert_eq!(finished(&place.run(&format!("{all} -o out"))), 2);
     place.run(&format!("{all} -q -o unbroken"));
     let unbroken = place.maps("unbroken");
     assert!(place.maps("out") == unbroken);
@@ -198,17 +187,10 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
     }
     assert!(record["points"].as_u64().unwrap() > (SMALL[0] * SMALL[1] / 10) as u64, "{}", record["points"]);
 
-    // The same command has nothing left to do. A calibration counts by its values, not by its name or comments.
-    let kept = |calibration: &str, more: &str| {
-        place.write("d.toml", calibration);
-        finished(&place.run(&format!("{} {more} -o out", all.replace("c.toml", "d.toml"))))
-    };
-    assert_eq!(
-        [kept(&usual, ""), kept(&commented, ""), kept(&changed, ""), kept(&changed, "--force")],
-        [3, 3, 0, 0]
-    );
-    let again = place.maps("out");
-    assert!(["0/depth.npy", "1/depth.npy", "cloud.ply"].iter().all(|map| again[*map] == unbroken[*map]));
+    // The same command has nothing left to do.
+    let kept = |more: &str| finished(&place.run(&format!("{all} {more} -o out")));
+    assert_eq!([kept(""), kept("--predictions 2"), kept("--predictions 2 --force"), kept("")], [3, 0, 0, 0]);
+    assert!(place.maps("out") == unbroken);
 }
 
 /// The demo of several photographs: better than its prior, and refined again from its files.

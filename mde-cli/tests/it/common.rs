@@ -3,11 +3,12 @@
 pub(crate) use crate::library::*;
 
 use assert_cmd::Command;
+use glob::{MatchOptions, glob_with};
 use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::ndarray::Array2;
+use mde_cli::ndarray::{Array2, ArrayView3};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{Room, Scene, room};
 use serde_json::Value;
@@ -34,7 +35,7 @@ impl Place {
     pub(crate) fn new() -> Self {
         static SCENE: LazyLock<Scene> = LazyLock::new(|| room(Room::Study, 0, WIDTH, HEIGHT).unwrap());
         let place = Self { folder: tempfile::tempdir().unwrap(), scene: SCENE.clone() };
-        write_image(place.path("image.png"), place.scene.image.view()).unwrap();
+        place.photograph("image.png", place.scene.image.view());
         place.save("depth.npy", &place.scene.depth);
         place.write("tiny.toml", tiny(60, 2));
         place
@@ -69,6 +70,11 @@ impl Place {
     pub(crate) fn save(&self, name: &str, map: &Array2<f32>) {
         self.write(name, "");
         write_npy(self.path(name), map.view()).unwrap();
+    }
+
+    pub(crate) fn photograph(&self, name: &str, image: ArrayView3<'_, f32>) {
+        self.write(name, "");
+        write_image(self.path(name), image).unwrap();
     }
 
     pub(crate) fn map(&self, name: &str) -> Array2<f32> {
@@ -131,23 +137,19 @@ impl Place {
         (child, lines)
     }
 
-    /// The maps and pictures below a folder by their names; unfinished folders do not count.
+    /// What a pattern names below a folder; unfinished folders do not count.
+    pub(crate) fn below(&self, folder: &str, pattern: &str) -> impl Iterator<Item = PathBuf> + use<> {
+        let visible = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
+        let pattern = self.path(folder).join(pattern);
+        glob_with(pattern.to_str().unwrap(), visible).unwrap().map(Result::unwrap)
+    }
+
+    /// The maps and pictures below a folder by their names.
     pub(crate) fn maps(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
         let root = self.path(folder);
-        let mut found = BTreeMap::new();
-        // A killed run may have made nothing.
-        if !root.is_dir() {
-            return found;
-        }
-        for name in names(&root).into_iter().filter(|name| !name.starts_with('.')) {
-            if root.join(&name).is_dir() {
-                let below = self.maps(&format!("{folder}/{name}"));
-                found.extend(below.into_iter().map(|(file, bytes)| (format!("{name}/{file}"), bytes)));
-            } else if [".npy", ".png", ".ply"].iter().any(|kind| name.ends_with(kind)) {
-                found.insert(name.clone(), self.bytes(&format!("{folder}/{name}")));
-            }
-        }
-        found
+        let files = ["**/*.npy", "**/*.png", "**/*.ply"].map(|kind| self.below(folder, kind));
+        let name = |file: &Path| file.strip_prefix(&root).unwrap().display().to_string();
+        files.into_iter().flatten().map(|file| (name(&file), fs::read(&file).unwrap())).collect()
     }
 
     /// Runs a command to `whole`; then to `out0`, `out1` ..., killed at moments that are spread over its lines of progress, but not at
@@ -201,19 +203,9 @@ pub(crate) fn send(child: &Child, signal: &str) {
     let _ = std::process::Command::new("kill").args(["-s", signal, &id]).stderr(Stdio::null()).status();
 }
 
-/// The calibration that is built in; the same with a comment; and with another value.
-pub(crate) fn calibrations() -> [String; 3] {
-    let usual = include_str!("../../src/refiner/calibration/default.toml");
-    let changed = usual.replace("0.007735", "0.007736");
-    assert_ne!(usual, changed);
-    [usual.to_owned(), format!("{usual}# a comment\n"), changed]
-}
-
 /// The data of a report, which loads nothing: the only address in it is the name of the SVG namespace.
 pub(crate) fn report_data(html: &str) -> Value {
-    assert!(html.contains("default-src 'none'"));
     assert_eq!(html.matches("://").count(), html.matches("http://www.w3.org/2000/svg").count());
-    assert_eq!(html.matches("<script").count(), 2);
     assert!(!html.contains("<link") && !html.contains("@import") && !html.contains("{{"));
     let start = html.find("id=\"data\">").unwrap() + "id=\"data\">".len();
     let end = start + html[start..].find("</script>").unwrap();
@@ -258,8 +250,7 @@ pub(crate) fn on_disk(room: &Rendered) -> Place {
     let mut frames = Vec::new();
     for (index, known) in room.views.iter().enumerate() {
         let name = format!("images/{index}.png");
-        place.write(&name, "");
-        write_image(place.path(&name), known.view.image.view()).unwrap();
+        place.photograph(&name, known.view.image.view());
         let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
         frames.push(Frame { photograph: place.path(&name), lens, pose: known.view.pose });
     }

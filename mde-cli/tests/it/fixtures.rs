@@ -4,7 +4,6 @@ use crate::cases::{edited, expanded};
 use crate::common::{HEIGHT, Place, WIDTH, copy, fixture, names};
 use image::{DynamicImage, ImageFormat};
 use mde_cli::mde_prior::format::{write_depth, write_npz, write_png16};
-use mde_cli::mde_prior::photo::write_image;
 use ndarray::{Array2, Array3};
 use ndarray_npy::write_npy;
 use std::fs;
@@ -40,24 +39,21 @@ pub(crate) fn place() -> Place {
 
 #[cfg(unix)]
 fn without_end(place: &Place) {
-    let pipe = |name: &str| {
-        assert!(std::process::Command::new("mkfifo").arg(place.path(name)).status().unwrap().success());
-    };
+    fs::create_dir(place.path("pipes")).unwrap();
+    let mut mkfifo = std::process::Command::new("mkfifo");
+    mkfifo.args(["weights/external.bin", "toml/external.toml", "hub/config.json", "pipes/a.npy"]);
     for kind in ["png", "npy", "onnx", "toml", "txt", "json", "csv", "safetensors"] {
-        pipe(&format!("pipe.{kind}"));
+        mkfifo.arg(format!("pipe.{kind}"));
         std::os::unix::fs::symlink("/dev/zero", place.path(&format!("endless.{kind}"))).unwrap();
     }
-    fs::create_dir(place.path("pipes")).unwrap();
-    ["weights/external.bin", "toml/external.toml", "hub/config.json", "pipes/a.npy"]
-        .iter()
-        .for_each(|name| pipe(name));
+    assert!(mkfifo.current_dir(place.path("")).status().unwrap().success());
 }
 
 fn pictures(place: &Place) {
     let image = Array3::from_shape_fn((HEIGHT, WIDTH, 3), |(y, x, c)| {
         ((x * (c + 1)) as f32 / 9.0).sin() * 0.3 + y as f32 / 200.0 + 0.4
     });
-    write_image(place.path("picture.png"), image.view()).unwrap();
+    place.photograph("picture.png", image.view());
     for (name, height, width, value) in [
         ("dot.png", 1, 1, 0.5),
         ("row.png", 1, WIDTH, 0.5),
@@ -68,7 +64,7 @@ fn pictures(place: &Place) {
         ("black.png", HEIGHT, WIDTH, 0.0),
         ("big.png", 480, 640, 0.4),
     ] {
-        write_image(place.path(name), Array3::from_elem((height, width, 3), value).view()).unwrap();
+        place.photograph(name, Array3::from_elem((height, width, 3), value).view());
     }
     let picture = image::open(place.path("picture.png")).unwrap();
     let mut broken = picture.to_rgb32f();
@@ -91,25 +87,15 @@ fn pictures(place: &Place) {
     for (name, picture) in pictures {
         picture.save_with_format(place.path(name), ImageFormat::from_path(name).unwrap()).unwrap();
     }
-    let mut two_frames = place.bytes("plain.jpg");
-    // Behind the scan: progressive, 65500x65500, 255 components.
-    let end = two_frames.len() - 2;
-    let mut frame = vec![0xff, 0xc2, 0x03, 0x05, 8, 0xff, 0xdc, 0xff, 0xdc, 255];
-    frame.extend((0..255).flat_map(|id| [id, 0x11, 0]));
-    two_frames.splice(end..end, frame);
-    place.write("two-frames.jpg", two_frames);
 }
 
 fn maps(place: &Place) {
     let depth = &place.scene.depth;
     // Any values: the program's own writer of maps refuses NaN.
-    let of = |name: &str, size: (usize, usize), value: &dyn Fn(usize, usize) -> f32| {
-        write_npy(place.path(name), &Array2::from_shape_fn(size, |(y, x)| value(y, x))).unwrap();
-    };
     let of_depth = |name: &str, value: &dyn Fn(usize, usize, f32) -> f32| {
-        of(name, depth.dim(), &|y, x| value(y, x, depth[(y, x)]));
+        let map = Array2::from_shape_fn(depth.dim(), |(y, x)| value(y, x, depth[(y, x)]));
+        write_npy(place.path(name), &map).unwrap();
     };
-    of_depth("one-pixel.npy", &|y, x, _| if (y, x) == (20, 30) { 2.0 } else { 0.0 });
     of_depth("holes.npy", &|y, x, z| if (x + y) % 3 == 0 { 0.0 } else { z });
     of_depth("half-missing.npy", &|_, x, z| if x < WIDTH / 2 { 0.0 } else { z });
     of_depth("extremes.npy", &|y, x, _| if (x / 8 + y / 8) % 2 == 0 { 1e-3 } else { 1e3 });
@@ -118,17 +104,6 @@ fn maps(place: &Place) {
         [f32::INFINITY, -1.0, f32::NEG_INFINITY].get((x + 2 * y) % 7).copied().unwrap_or(z)
     });
     of_depth("disparity.npy", &|_, _, z| 3.0 / z - 2.0);
-    for (name, height, width) in [
-        ("small.npy", HEIGHT / 2, WIDTH / 2),
-        ("turned.npy", WIDTH, HEIGHT),
-        ("dot.npy", 1, 1),
-        ("smallest.npy", 8, 8),
-        ("long.npy", 8, 200),
-        ("half-size.npy", 24, 32),
-        ("big.npy", 480, 640),
-    ] {
-        of(name, (height, width), &|y, x| 1.0 + (x + y) as f32 * 0.01);
-    }
     for name in ["depth.pfm", "depth.exr", "depth.npz"] {
         write_depth(place.path(name), depth.view()).unwrap();
     }

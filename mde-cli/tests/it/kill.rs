@@ -1,7 +1,6 @@
 //! Whenever a run is killed, its output is the old one or the new one; an evaluation continues to the same bytes.
 
 use crate::common::{Place, REFINE, copy, fixture, names, send, tiny};
-use glob::glob;
 use serde_json::Value;
 use std::fs;
 use std::thread::sleep;
@@ -86,15 +85,11 @@ fn an_evaluation_killed_at_any_moment_resumes_to_the_same_bytes() {
         for (name, bytes) in place.maps(out) {
             assert!(whole[&name] == bytes, "{out}: {name}");
         }
-        for method in glob(&format!("{}/scenes/[!.]*/[!.]*/", place.path(out).display())).unwrap() {
-            assert!(method.unwrap().join("method.json").is_file(), "{out}");
+        for method in place.below(out, "scenes/*/*/") {
+            assert!(method.join("method.json").is_file(), "{out}");
         }
-        for record in
-            glob(&format!("{}/**/[!.]*.json", place.path(out).display())).unwrap().map(Result::unwrap)
-        {
-            if !record.display().to_string().contains("/.mde-") {
-                serde_json::from_slice::<Value>(&fs::read(record).unwrap()).unwrap();
-            }
+        for record in place.below(out, "**/*.json") {
+            serde_json::from_slice::<Value>(&fs::read(record).unwrap()).unwrap();
         }
         place.run(&format!("{eval} -o {out}"));
         assert!(place.maps(out) == whole, "{out}: other bytes than an unbroken run's");

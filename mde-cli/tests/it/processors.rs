@@ -1,7 +1,6 @@
 //! The same bytes on processors with other vectors: the tests run themselves within qemu-user.
 
 use crate::library::{config, go_on, inputs, rendered, tiny};
-use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::{Preset, Stages, refine, refine_several};
 use mde_eval::scene::Room;
 use std::fs;
@@ -14,7 +13,10 @@ const BYTES: &str = "MDE_BYTES";
 const PROCESSORS: [&str; 2] = ["qemu64", "Haswell-noTSX,-pcid,-x2apic,-tsc-deadline,-invpcid"];
 
 /// One photograph with each kind of field, and several.
-fn small_runs() -> [(&'static str, GaussianDepth); 3] {
+#[test]
+#[ignore = "a part of the other test, which runs it within qemu"]
+fn bytes_of_small_runs() {
+    let Some(path) = std::env::var_os(BYTES) else { return };
     let (capture, prior) = inputs(&rendered(Room::Study, 2, [64, 48]), true);
     let alone = |text: &str| {
         let photograph = &capture.photographs[capture.reference];
@@ -29,20 +31,11 @@ fn small_runs() -> [(&'static str, GaussianDepth); 3] {
     let config = config(Preset::MultiView, &field.join("\n"));
     let several = refine_several(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
     assert_eq!(several.capture.as_ref().unwrap().fallback, None);
-    for (name, refined) in [("hash", &hash), ("MLP", &mlp), ("several", &several)] {
+    let runs = [("hash", hash), ("MLP", mlp), ("several photographs", several)].map(|(name, refined)| {
         assert!(refined.field.is_some(), "{name}: no field");
         assert!(refined.prior != refined.depth.mean(), "{name}: the field has no part in it");
-    }
-    [("hash", hash.depth), ("MLP", mlp.depth), ("several photographs", several.depth)]
-}
-
-#[test]
-#[ignore = "a part of the other test, which runs it within qemu"]
-fn bytes_of_small_runs() {
-    let Some(path) = std::env::var_os(BYTES) else { return };
-    let runs = small_runs().map(|(name, depth)| {
         let bits = |map: ndarray::ArrayView2<'_, f32>| map.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        (name, bits(depth.mean()), bits(depth.variance()))
+        (name, bits(refined.depth.mean()), bits(refined.depth.variance()))
     });
     fs::write(path, serde_json::to_vec(&runs).unwrap()).unwrap();
 }
@@ -53,18 +46,11 @@ fn the_vectors_of_a_processor_change_no_byte() {
     let this = std::env::current_exe().unwrap();
     let bytes = |start: &[&str], name: &str| {
         let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-        let mut command = Command::new(start.first().map_or(this.as_os_str(), |program| program.as_ref()));
-        if let [_, rest @ ..] = start {
-            command.args(rest).arg(&this);
-        }
-        let own = concat!(module_path!(), "::bytes_of_small_runs");
-        let (_, own) = own.split_once("::").unwrap();
-        let status = command
-            .args(["--exact", own, "--ignored", "--test-threads", "1"])
-            .env(BYTES, &path)
-            .status()
-            .unwrap();
-        assert!(status.success(), "{name}");
+        let (_, module) = module_path!().split_once("::").unwrap();
+        let mut command = Command::new("env");
+        command.args(start).arg(&this).args(["--exact", &format!("{module}::bytes_of_small_runs")]);
+        command.args(["--ignored", "--test-threads", "1"]).env(BYTES, &path);
+        assert!(command.status().unwrap().success(), "{name}");
         serde_json::from_slice::<Vec<(String, Vec<u32>, Vec<u32>)>>(&fs::read(path).unwrap()).unwrap()
     };
     let here = bytes(&[], "here");

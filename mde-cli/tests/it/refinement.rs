@@ -1,6 +1,6 @@
 //! The loop on one photograph: stages that this workspace has never heard of, and properties for arbitrary inputs.
 
-use crate::library::{HEIGHT, WIDTH, config, go_on, tiny};
+use crate::library::{HEIGHT, Known, WIDTH, config, go_on, tiny};
 use mde_cli::config::{IterationPrior, Order, RefinementConfig};
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FieldConfig, FitReport, RadianceField, RenderedView};
@@ -135,19 +135,17 @@ fn the_callback_can_stop_at_every_event() {
 
 #[test]
 fn a_prior_of_another_size_and_a_field_that_fails_are_errors() {
-    struct Small;
-    impl DepthPrior for Small {
-        fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-            PriorDepth::from_values(Array2::ones((2, 3)), DepthKind::Metric)
-        }
-    }
+    let small = PriorDepth::from_values(Array2::ones((2, 3)), DepthKind::Metric).unwrap();
     let fuser = HalfWay::default();
     let run = |prior: &dyn DepthPrior| {
         let stages =
             Stages::new(prior).with_field(|_| Err(mde_nerf::Error::NotFitted.into())).with_fuser(&fuser);
         refine(SCENE.image.view(), &SCENE.camera, stages, &foreign(), &mut go_on).map(|_| ())
     };
-    assert!(matches!(run(&Small), Err(Error::Size { prior: [2, 3], image: [HEIGHT, WIDTH] })));
+    assert!(matches!(
+        run(&Known(vec![(SCENE.image.clone(), small)])),
+        Err(Error::Size { prior: [2, 3], image: [HEIGHT, WIDTH] })
+    ));
     assert!(matches!(run(&map(&SCENE.depth)), Err(Error::Field(mde_nerf::Error::NotFitted))));
 }
 

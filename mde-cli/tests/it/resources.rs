@@ -1,7 +1,6 @@
 //! Sizes, and the estimates of memory against the peaks of runs, where the system reports them.
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, config, shared, tiny};
-use mde_cli::mde_prior::photo::write_image;
 use mde_cli::refiner::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
 use ndarray::{Array2, Array3};
@@ -16,7 +15,7 @@ fn large(place: &Place, width: usize, height: usize) {
         Array3::from_shape_fn((height, width, 3), |(y, x, c)| small.image[[from(y, x).0, from(y, x).1, c]]);
     let depth =
         Array2::from_shape_fn((height, width), |(y, x)| small.depth[from(y, x)] + 1e-4 * (x + 2 * y) as f32);
-    write_image(place.path("large.png"), image.view()).unwrap();
+    place.photograph("large.png", image.view());
     place.save("large.npy", &depth);
 }
 

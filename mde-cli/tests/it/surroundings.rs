@@ -19,9 +19,6 @@ fn paths_need_not_be_unicode() {
     write_png16(place.path("depth.png"), place.scene.depth.view(), 1000.0).unwrap();
     place.take(fixture("grey_nchw.onnx"), "net.onnx");
     place.write("scene.json", r#"{"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5}"#);
-    for name in ["maps?", "gt?", "data?/scene", "pr?", "shots?"] {
-        fs::create_dir_all(folder.join(odd(name))).unwrap();
-    }
     for (from, to) in [
         ("image.png", "ph?.png"),
         ("depth.npy", "d?.npy"),
@@ -36,7 +33,9 @@ fn paths_need_not_be_unicode() {
         ("image.png", "shots?/b.png"),
         ("net.onnx", "net?.onnx"),
     ] {
-        fs::copy(place.path(from), folder.join(odd(to))).unwrap();
+        let to = folder.join(odd(to));
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(place.path(from), to).unwrap();
     }
     #[cfg(feature = "onnx")]
     let net = "--prior-model net?.onnx --model-profile fastdepth --fov 60";

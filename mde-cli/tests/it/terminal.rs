@@ -12,9 +12,6 @@ fn a_pipe_gets_no_escape_codes_and_the_end_says_what_was_gained() {
     let text = String::from_utf8(output.stdout.clone()).unwrap();
     let said = ["depth: typical change", "sigma: median", "fusion: a ", "weight of the field", "wrote out"];
     assert!(said.iter().all(|said| text.contains(said)) && text.contains("open out/report.html"), "{text}");
-    let kept = "refine image.png --prior-depth depth.npy --fov 60 --no-nerf -o kept";
-    place.prints(kept, 0, "depth: as it came: no field was fitted");
-    place.prints("refine --help", 0, "!\x1b");
 }
 
 /// What a terminal of 80 columns gets.
@@ -89,20 +86,4 @@ fn an_evaluation_on_a_terminal_ends_with_its_verdict_and_one_line() {
     let failures = more.iter().filter(|line| line.contains("failed")).collect::<Vec<_>>();
     assert!(failures.len() == 2 && failures[0].starts_with("- failed: zoom on 6 scenes: "), "{more:#?}");
     assert!(failures[1].starts_with("error: 6 of the runs failed"), "{more:#?}");
-}
-
-/// In what runs print of the folders that they make; of other names see the cases.
-#[test]
-#[cfg(unix)]
-fn names_of_folders_reach_the_terminal_without_control_characters() {
-    let place = Place::new();
-    let raw = |bytes: &[u8]| bytes.iter().any(|byte| byte.is_ascii_control() && *byte != b'\n');
-    for out in ["red\x1b[31m", "two\nlines"] {
-        let run = |code: i32| place.mde(REFINE).args(["-o", out]).assert().code(code);
-        let (made, again) = (run(0), run(1));
-        for output in [made.get_output(), again.get_output()] {
-            assert!(!raw(&output.stdout) && !raw(&output.stderr), "{output:?}");
-        }
-        assert_eq!(String::from_utf8_lossy(&again.get_output().stderr).lines().count(), 1, "{again}");
-    }
 }
