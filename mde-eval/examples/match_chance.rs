@@ -32,17 +32,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for (room, seed) in Room::ALL.into_iter().flat_map(|room| (1..=seeds).map(move |seed| (room, seed))) {
         for (views, baseline, pose_noise, gain) in CONDITIONS {
             let config = CaptureConfig { views, baseline, pose_noise, gain, seed };
+            let title = format!("{room} {seed}, {views} at {baseline}");
             match capture(room, &config) {
                 Ok(found) => {
                     let right = found.iter().filter(|(_, right)| *right).count();
-                    println!(
-                        "{room} {seed}, {views} at {baseline}: {right} of {} matches right",
-                        found.len()
-                    );
+                    println!("{title}: {right} of {} matches right", found.len());
                     let weight = 1.0 / found.len().max(1) as f64;
                     samples.extend(found.into_iter().map(|(terms, right)| (terms, right, weight)));
                 }
-                Err(error) => println!("{room} {seed}, {views} at {baseline}: left out: {error}"),
+                Err(error) => println!("{title}: left out: {error}"),
             }
         }
     }

@@ -68,8 +68,12 @@ pub(crate) fn disturbed(pose: &Pose, degrees: f64, seed: u64, index: usize) -> P
 
 /// A direction, uniform over the sphere.
 pub(crate) fn direction(rng: &mut CounterRng) -> Vector3<f64> {
-    let (z, angle) = (rng.random_range(-1.0..1.0_f64), TAU * rng.random::<f64>());
-    let (sin, cos) = angle.sin_cos();
+    on_sphere(rng.random_range(-1.0..1.0), rng.random())
+}
+
+/// The point of the unit sphere at a height of -1 to 1 and a share of the turn.
+pub(crate) fn on_sphere(z: f64, turn: f64) -> Vector3<f64> {
+    let (sin, cos) = (TAU * turn).sin_cos();
     let across = (1.0 - z * z).sqrt();
     Vector3::new(across * cos, across * sin, z)
 }

@@ -122,12 +122,9 @@ impl RadianceField for FilteredField {
     fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
         let view = views.first().ok_or(Error::NoPixels)?;
         let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
-        let known = depth.support();
-        let mut prior = depth.mean().to_owned();
-        prior.zip_mut_with(&known, |d, known| *d = if *known { *d } else { 0.0 });
         let rule = DisparityRule::default();
         let task =
-            Task { seed: self.seed, ..Task::new(view.image.view(), &view.camera, prior.view(), &rule) };
+            Task { seed: self.seed, ..Task::new(view.image.view(), &view.camera, depth.mean(), &rule) };
         let refined = self.filter.refine(&task).map_err(|e| fault(&e))?.depth;
         let variance = refined
             .mapv(|d| if d > 0.0 { (RELATIVE_SIGMA * f64::from(d)).powi(2) as f32 } else { f32::INFINITY });

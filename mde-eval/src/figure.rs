@@ -2,12 +2,12 @@
 //!
 //! Every curve is labelled at its end.
 
+use crate::metrics::sparsification::Sparsification;
 use crate::score::UncertaintyCurves;
 use crate::table::Entry;
 use crate::{Error, Result};
 use mde_uncertainty::normal::central_half_width;
 use mde_uncertainty::pooled::share_below;
-use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::collections::BTreeSet;
@@ -58,10 +58,46 @@ impl Chart {
             return Err(Error::Empty("a figure"));
         }
         let path = path.as_ref();
+        let fault = |fault| format!("{}: the figure can't be written: {fault}", path.display());
+        self.draw(path).map_err(|error| Error::Method(fault(error)))
+    }
+
+    fn draw(&self, path: &Path) -> Result<(), Box<dyn std::error::Error>> {
         let area = SVGBackend::new(path, SIZE).into_drawing_area();
-        drawn(self, &area).and_then(|()| area.present()).map_err(|fault| {
-            Error::Method(format!("{}: the figure can't be written: {fault}", path.display()))
-        })
+        area.fill(&WHITE)?;
+        let [x, y] = ranges(&self.lines);
+        let mut context = ChartBuilder::on(&area)
+            .caption(self.title, (FONT, 24))
+            .margin(12)
+            .margin_right(NAMES)
+            .x_label_area_size(50)
+            .y_label_area_size(70)
+            .build_cartesian_2d(x, y)?;
+        context
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(RGBColor(228, 228, 228))
+            .axis_style(RGBColor(90, 90, 90))
+            .label_style((FONT, 18))
+            .axis_desc_style((FONT, 19))
+            .x_label_formatter(&tick)
+            .y_label_formatter(&tick)
+            .x_desc(self.x)
+            .y_desc(self.y)
+            .draw()?;
+        for line in &self.lines {
+            let style = colour(line).stroke_width(if line.colour.is_none() { 1 } else { 2 });
+            context.draw_series(LineSeries::new(line.points.iter().map(|p| (p[0], p[1])), style))?;
+        }
+        let ends = self.lines.iter().filter_map(|line| Some((line, line.points.last()?)));
+        let place = |end: &[f64; 2]| context.plotting_area().map_coordinate(&(end[0], end[1]));
+        let mut names: Vec<(&Curve, (i32, i32))> = ends.map(|(line, end)| (line, place(end))).collect();
+        spread(&mut names);
+        for (line, (x, y)) in names {
+            let style = (FONT, 19).into_font().color(&colour(line)).pos(Pos::new(HPos::Left, VPos::Center));
+            area.draw_text(&line.name, &style, (x + 8, y))?;
+        }
+        Ok(area.present()?)
     }
 }
 
@@ -84,13 +120,16 @@ pub fn error_by_percentile(entries: &[Entry], names: &[String]) -> Chart {
 /// Mean \\(|e|\\) of the rest when the most uncertain pixels are removed, relative to all pixels (random), averaged over scenes; the oracle of the
 /// first method beside them.
 pub fn sparsification(entries: &[Entry], names: &[String]) -> Chart {
-    let relative = |curves: &UncertaintyCurves, values: &[f64]| {
+    let relative = |curves: &Sparsification, values: &[f64]| {
         let points = curves.removed.iter().zip(values).map(|(r, v)| [100.0 * r, v / curves.random]);
         points.collect::<Vec<_>>()
     };
-    let mut lines = each(entries, names, |curves| relative(curves, &curves.by_sigma));
+    let mut lines =
+        each(entries, names, |curves| relative(&curves.sparsification, &curves.sparsification.by_sigma));
     let first = names.first().map(std::slice::from_ref).unwrap_or_default();
-    for mut oracle in each(entries, first, |curves| relative(curves, &curves.oracle)) {
+    for mut oracle in
+        each(entries, first, |curves| relative(&curves.sparsification, &curves.sparsification.oracle))
+    {
         (oracle.name, oracle.colour) = ("oracle".to_owned(), None);
         lines.insert(0, oracle);
     }
@@ -152,46 +191,6 @@ fn each(
     names.iter().enumerate().map(line).collect()
 }
 
-fn drawn<B: DrawingBackend>(
-    chart: &Chart,
-    area: &DrawingArea<B, Shift>,
-) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-    area.fill(&WHITE)?;
-    let [x, y] = ranges(&chart.lines);
-    let mut context = ChartBuilder::on(area)
-        .caption(chart.title, (FONT, 24))
-        .margin(12)
-        .margin_right(NAMES)
-        .x_label_area_size(50)
-        .y_label_area_size(70)
-        .build_cartesian_2d(x, y)?;
-    context
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .bold_line_style(RGBColor(228, 228, 228))
-        .axis_style(RGBColor(90, 90, 90))
-        .label_style((FONT, 18))
-        .axis_desc_style((FONT, 19))
-        .x_label_formatter(&tick)
-        .y_label_formatter(&tick)
-        .x_desc(chart.x)
-        .y_desc(chart.y)
-        .draw()?;
-    for line in &chart.lines {
-        let style = colour(line).stroke_width(if line.colour.is_none() { 1 } else { 2 });
-        context.draw_series(LineSeries::new(line.points.iter().map(|p| (p[0], p[1])), style))?;
-    }
-    let ends = chart.lines.iter().filter_map(|line| Some((line, line.points.last()?)));
-    let place = |end: &[f64; 2]| context.plotting_area().map_coordinate(&(end[0], end[1]));
-    let mut names: Vec<(&Curve, (i32, i32))> = ends.map(|(line, end)| (line, place(end))).collect();
-    spread(&mut names);
-    for (line, (x, y)) in names {
-        let style = (FONT, 19).into_font().color(&colour(line)).pos(Pos::new(HPos::Left, VPos::Center));
-        area.draw_text(&line.name, &style, (x + 8, y))?;
-    }
-    Ok(())
-}
-
 /// A number without trailing zeros.
 fn tick(value: &f64) -> String {
     let text = format!("{value:.3}");
@@ -216,8 +215,7 @@ fn ranges(lines: &[Curve]) -> [std::ops::Range<f64>; 2] {
 /// Moves names apart that would overlap, and the lowest ones up from below the image.
 fn spread(names: &mut [(&Curve, (i32, i32))]) {
     names.sort_by_key(|(_, (_, y))| *y);
-    let bottom = SIZE.1 as i32 - 50;
-    let mut floor = bottom;
+    let mut floor = SIZE.1 as i32 - 50;
     for (_, (_, y)) in names.iter_mut().rev() {
         *y = (*y).min(floor);
         floor = *y - NAME_HEIGHT;

@@ -36,10 +36,7 @@ impl RoomCheck {
             Zip::from(&depth).and(&scene.depth).map_collect(|&predicted, &z| predicted > 0.0 && z > 0.0);
         let [predicted, truth] = [&depth, &scene.depth].map(|map| gather(map.view(), both.view()));
         let missing = 1.0 - predicted.len() as f64 / depth.len().max(1) as f64;
-        let correlation = match predicted.is_empty() {
-            true => 0.0,
-            false => spearman(&predicted, &truth)?.unwrap_or(0.0),
-        };
+        let correlation = spearman(&predicted, &truth)?.unwrap_or(0.0);
         Ok(Self { room: kind, correlation, missing })
     }
 }

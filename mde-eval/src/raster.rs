@@ -70,13 +70,25 @@ pub(crate) fn gather(map: Map<'_>, mask: Mask<'_>) -> Vec<f64> {
     map.iter().zip(mask).filter(|&(_, &keep)| keep).map(|(&value, _)| f64::from(value)).collect()
 }
 
-/// Gaussian blur with zeros outside, cut off at four sigma.
-pub(crate) fn blur(map: Array2<f64>, sigma: f64) -> Array2<f64> {
-    blur_within(map, sigma, (4.0 * sigma + 0.5) as usize)
+/// Gaussian blur with zeros outside.
+pub(crate) fn blur(map: &Array2<f64>, gaussian: Gaussian) -> Array2<f64> {
+    gaussian_blur(map.view(), gaussian, gaussian, Border::Zero)
 }
 
-/// [`blur`] cut off at a radius in pixels.
-pub(crate) fn blur_within(map: Array2<f64>, sigma: f64, radius: usize) -> Array2<f64> {
-    let gaussian = Gaussian { sigma, radius };
-    gaussian_blur(map.view(), gaussian, gaussian, Border::Zero)
+/// Gaussian blur of the pixels with a weight, the others left out (normalised convolution); 0 far from all of them.
+#[cfg(feature = "prior")]
+pub(crate) fn blur_known(map: &Array2<f64>, weights: &Array2<f64>, gaussian: Gaussian) -> Array2<f64> {
+    mean_of(blur(&(map * weights), gaussian), &blur(weights, gaussian))
+}
+
+/// Sums over their weights; 0 where nothing has a weight.
+#[cfg(feature = "prior")]
+pub(crate) fn mean_of(mut sums: Array2<f64>, weights: &Array2<f64>) -> Array2<f64> {
+    sums.zip_mut_with(weights, |sum, weight| *sum = if *weight > 0.0 { *sum / weight } else { 0.0 });
+    sums
+}
+
+/// A Gaussian that is cut off at four sigma, rounded.
+pub(crate) fn four_sigma(sigma: f64) -> Gaussian {
+    Gaussian { sigma, radius: (4.0 * sigma + 0.5) as usize }
 }

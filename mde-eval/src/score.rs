@@ -240,7 +240,7 @@ impl<'s> Aligned<'s> {
             Of::Sigma(metric) => Ok(metric(&found)),
             Of::Depths(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
         })?;
-        Ok((values, Some(found.curves())))
+        Ok((values, Some(found.curves)))
     }
 
     fn scores(&self, values: Values, curves: Option<UncertaintyCurves>) -> Scores {

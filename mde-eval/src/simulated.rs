@@ -6,8 +6,9 @@ pub use model::{SimulatedModel, SimulatedModelConfig};
 
 use crate::Result;
 use crate::error::check;
-use crate::raster::{blur_within, smallest};
+use crate::raster::{blur_known, smallest};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_uncertainty::filter::Gaussian;
 use mde_uncertainty::random::CounterRng;
 use ndarray::{Array2, ArrayView3, Zip};
 use rand::RngExt;
@@ -83,9 +84,11 @@ impl SimulatedPrior {
         let valid = truth.mapv(|z| z > 0.0 && z.is_finite());
         let width = truth.ncols() as f64;
         let radius = (0.5 * config.lost_width * width).round() as usize;
-        let closed = close(truth, &valid, radius);
-        let disparity =
-            blur(&closed.mapv(|z| if z > 0.0 { z.recip() } else { 0.0 }), &valid, config.blur * width);
+        let known =
+            Zip::from(truth).and(&valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
+        let closed = close(&known, radius).mapv(|z| if z > 0.0 { z.recip() } else { 0.0 });
+        let weights = valid.mapv(|valid| f64::from(u8::from(valid)));
+        let disparity = blur_known(&closed, &weights, Gaussian::new(config.blur * width, 4.0));
         let waves = waves(truth.dim(), ("simulated-prior", config.seed, 0));
         let depth = Zip::from(&disparity)
             .and(&waves)
@@ -124,26 +127,12 @@ impl DepthPrior for SimulatedPrior {
     }
 }
 
-/// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those.
-fn close(depth: &Array2<f32>, valid: &Array2<bool>, radius: usize) -> Array2<f64> {
-    let known = Zip::from(depth).and(valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
+/// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those; 0 is missing.
+fn close(known: &Array2<f64>, radius: usize) -> Array2<f64> {
     let grown = smallest(known.mapv(|z| -z), radius);
     let closed = smallest(-grown, radius);
     // Next to missing pixels nothing may become missing.
-    Zip::from(&closed).and(&known).map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
-}
-
-/// Gaussian blur over the valid pixels (normalised convolution), borders replicated by leaving the outside out.
-fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
-    let weight = valid.mapv(|valid| f64::from(u8::from(valid)));
-    let radius = (4.0 * sigma).ceil() as usize;
-    if radius == 0 {
-        return map * &weight;
-    }
-    let mut sum = blur_within(map * &weight, sigma, radius);
-    let share = blur_within(weight, sigma, radius);
-    Zip::from(&mut sum).and(&share).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
-    sum
+    Zip::from(&closed).and(known).map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
 }
 
 /// A sum of waves no shorter than [`WAVELENGTH`], of mean 0 and variance 1 over the map, drawn from a purpose, a seed and an iteration.

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 /// A scene model that is fitted to posed views and renders colour and depth with variance.
 ///
 /// The refinement loop uses nothing else, so that a Gaussian splat or a field on a GPU can replace [`Nerf`](crate::Nerf).
-/// `mde-cli/examples/own_field.rs` of the workspace is another implementation.
+/// `mde-nerf/examples/own_field.rs` of the workspace is another implementation.
 pub trait RadianceField: Send {
     /// Fits the field to `views`.
     ///

@@ -69,19 +69,9 @@ pub(crate) struct Marcher<T> {
 }
 
 impl<T: Scalar> Marcher<T> {
-    /// Samples, evaluates and composites `rays`; the results are in `bins` and `rendered`, one entry per ray.
+    /// Samples, evaluates and composites `rays`; the results are in `bins` and `rendered`, one entry per ray. `evaluate` gives a
+    /// tape's points their shades, as [`Network::forward`] does.
     pub(crate) fn forward(
-        &mut self,
-        network: &Network<T>,
-        frustum: &Frustum,
-        rays: &mut [March],
-        budget: &Budget,
-    ) {
-        self.forward_with(&|tape| network.forward(tape), frustum, rays, budget);
-    }
-
-    /// [`Marcher::forward`] with another function from a tape's points to its shades.
-    pub(crate) fn forward_with(
         &mut self,
         evaluate: &dyn Fn(&mut Tape<T>),
         frustum: &Frustum,

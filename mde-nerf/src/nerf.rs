@@ -36,11 +36,6 @@ impl Nerf {
         Ok(Self { config, seed, fitted: None })
     }
 
-    /// The configuration.
-    pub fn config(&self) -> &NerfConfig {
-        &self.config
-    }
-
     /// The same field, fitted or not, with other settings for rendering; they do not affect the fit.
     ///
     /// # Errors

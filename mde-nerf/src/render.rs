@@ -50,7 +50,7 @@ pub(crate) fn render(
                     March { ray, interval, guess: None, background: [BACKGROUND; 3], rng: None }
                 };
                 let mut marches: Vec<March> = pixels.map(march).collect();
-                marcher.forward(network, frustum, &mut marches, &budget);
+                marcher.forward(&|tape| network.forward(tape), frustum, &mut marches, &budget);
                 marcher.rendered.iter().map(|r| (r.colour, r.depth)).collect()
             })
             .collect();

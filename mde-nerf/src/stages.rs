@@ -76,7 +76,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
     let fresh = rays.clone();
     let terms = LossTerms::at(&config.train, 0.0);
     let mut marcher = Marcher::default();
-    marcher.forward(&network, &frustum, &mut rays, &budget);
+    marcher.forward(&|tape| network.forward(tape), &frustum, &mut rays, &budget);
     let points = marcher.samples as u64;
     let forward = 2 * network.mlp.multiply_adds() as u64;
     let gathered = gathered(&network);
@@ -96,7 +96,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
     visit(stage("sampling and compositing", points, 0, 0), &mut || {
         rays.clone_from_slice(&fresh);
         // The shades of the last pass are kept.
-        marcher.forward_with(&|_| {}, &frustum, &mut rays, &budget);
+        marcher.forward(&|_| {}, &frustum, &mut rays, &budget);
     });
     let tile = stage("one tile, forward and backward", points, 3 * forward * points, gathered * points);
     visit(tile, &mut || {

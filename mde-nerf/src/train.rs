@@ -45,7 +45,7 @@ pub(crate) fn tile_gradients<T: Scalar>(
     (terms, batch): (LossTerms, f64),
     gradients: &mut Gradients<T>,
 ) -> RayLoss {
-    marcher.forward(network, frustum, rays, budget);
+    marcher.forward(&|tape| network.forward(tape), frustum, rays, budget);
     let mut sum = RayLoss::default();
     marcher.backward(network, rays, gradients, |index, rendered, bins, h| {
         // A ray that misses the volume depends on no parameter.
@@ -129,10 +129,9 @@ impl<'a> Trainer<'a> {
                 *samples += marcher.samples as u64;
             }
         });
-        groups.iter().fold(RayLoss::default(), |mut sum, group| {
-            sum += group.loss;
-            sum
-        })
+        let mut sum = RayLoss::default();
+        groups.iter().for_each(|group| sum += group.loss);
+        sum
     }
 
     /// Makes an optimiser step along the groups' gradients, summed in the groups' order, and clears them.
@@ -171,11 +170,6 @@ impl<'a> Trainer<'a> {
         network.mlp.refresh();
         groups.iter_mut().for_each(|group| group.gradients.clear());
         self.step += 1;
-    }
-
-    /// Samples evaluated so far.
-    pub(crate) fn samples(&self) -> u64 {
-        self.groups.iter().map(|g| g.samples).sum()
     }
 }
 
@@ -217,7 +211,7 @@ pub(crate) fn train(
             }
         }
     }
-    report.samples = trainer.samples();
+    report.samples = trainer.groups.iter().map(|group| group.samples).sum();
     for (p, average) in parameters(network).into_iter().zip(&averages) {
         average.write(p);
     }
@@ -261,7 +255,7 @@ fn psnr(
         let mean_error = |marcher: &mut Marcher<f32>, chunk: usize| {
             let probes = (0..tile).filter_map(|i| pixels.probe(seed, view, chunk * tile + i));
             let (mut rays, targets): (Vec<_>, Vec<Target>) = probes.unzip();
-            marcher.forward(network, frustum, &mut rays, budget);
+            marcher.forward(&|tape| network.forward(tape), frustum, &mut rays, budget);
             let pairs = targets.iter().zip(&marcher.rendered);
             let squared = pairs.map(|(target, rendered)| {
                 let of_channel = |a: usize| (f64::from(rendered.colour[a]) - target.colour[a]).powi(2) / 3.0;

@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use mde_nerf::{
-    Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField, Silent,
+    Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField,
+    RenderedView, Silent,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::CounterRng;
@@ -79,24 +80,26 @@ fn mlp() -> NerfConfig {
     quick(FieldConfig::Mlp(MlpFieldConfig { layers: 3, width: 64, frequencies: 5 }), 500, 5e-3)
 }
 
-/// Fits, renders the original pose and returns PSNR in dB and the median relative depth error.
-fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
+/// A fitted field, and the original pose as it renders it.
+fn fitted(config: NerfConfig, views: &[PosedView]) -> (Nerf, RenderedView) {
     let mut field = Nerf::new(config, 1).unwrap();
     assert_eq!(field.fit(views, &mut Silent).unwrap().psnr.len(), views.len());
     let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
-    let error = (&seen.image - &views[0].image).mapv(|e| f64::from(e * e)).mean().unwrap();
-    let depths = views[0].hypotheses[0].mean().into_iter().zip(seen.depth.mean());
-    let relative = median(depths.map(|(exact, got)| (got / exact - 1.0).abs())).unwrap();
-    (-10.0 * error.log10(), relative)
+    (field, seen)
 }
 
 #[test]
 fn parallax_alone_teaches_a_field_colour_and_depth() {
+    let views = views(false);
     let mut hash = hash();
     hash.train.steps = 400;
     for (config, least) in [(hash, 30.0), (mlp(), 28.0)] {
-        let (psnr, depth) = quality(config, &views(false));
+        let (_, seen) = fitted(config, &views);
+        let error = (&seen.image - &views[0].image).mapv(|e| f64::from(e * e)).mean().unwrap();
+        let psnr = -10.0 * error.log10();
         assert!(psnr > least, "PSNR {psnr:.1} dB");
+        let depths = views[0].hypotheses[0].mean().into_iter().zip(seen.depth.mean());
+        let depth = median(depths.map(|(exact, got)| (got / exact - 1.0).abs())).unwrap();
         assert!(depth < 0.05, "median relative depth error {depth:.4}");
     }
 }
@@ -127,9 +130,7 @@ fn photographs_from_far_apart_refine_noisy_hypotheses() {
     }
     let mut config = NerfConfig::photographs(WIDTH);
     (config.train.steps, config.train.rays) = (200, 512);
-    let mut field = Nerf::new(config, 1).unwrap();
-    field.fit(&views, &mut Silent).unwrap();
-    let rendered = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+    let (field, rendered) = fitted(config, &views);
     let error = |depth: ndarray::ArrayView2<f32>| {
         let relative = depth.iter().zip(&exact[0]).map(|(got, exact)| f64::from((got / exact - 1.0).abs()));
         relative.sum::<f64>() / exact[0].len() as f64
@@ -154,9 +155,7 @@ fn the_termination_becomes_the_distribution_of_the_hypotheses() {
     }
     let mut config = hash();
     config.train.depth_weight = 25.0;
-    let mut field = Nerf::new(config, 1).unwrap();
-    field.fit(&views, &mut Silent).unwrap();
-    let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+    let (_, seen) = fitted(config, &views);
     let sigmas = seen.depth.sigma();
     let median = median(sigmas.iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean)).unwrap();
     assert!((0.09..0.115).contains(&median), "{median}");
@@ -186,7 +185,7 @@ fn the_same_seed_gives_the_same_bits_with_any_number_of_threads() {
 
 /// Fitted again, a loaded field is the same field: it has the settings that no configuration file has, too.
 #[test]
-fn a_saved_field_is_the_same_and_a_damaged_one_is_refused() {
+fn a_saved_field_is_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.safetensors");
     let views = views(true);
@@ -198,24 +197,13 @@ fn a_saved_field_is_the_same_and_a_damaged_one_is_refused() {
         let mut field = Nerf::new(config, 3).unwrap();
         assert_eq!(field.to_file(), None);
         field.fit(&views, &mut Silent).unwrap();
-        let mut bytes = field.to_file().unwrap();
-        std::fs::write(&path, &bytes).unwrap();
+        std::fs::write(&path, field.to_file().unwrap()).unwrap();
         let mut again = Nerf::load(&path).unwrap();
-        assert_eq!(again.config(), field.config());
+        assert_eq!(again.to_file(), field.to_file());
         let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
         assert_eq!(render(&again), render(&field));
         again.fit(&views, &mut Silent).unwrap();
         assert_eq!(render(&again), render(&field));
-
-        let last = bytes.len() - 5;
-        bytes[last] ^= 1;
-        std::fs::write(&path, &bytes).unwrap();
-        let message = Nerf::load(&path).unwrap_err().to_string();
-        assert!(message.contains("field.safetensors") && message.contains("checksum"), "{message}");
-        for cut in [0, 1, 7, 100, bytes.len() / 2] {
-            std::fs::write(&path, &bytes[..cut]).unwrap();
-            assert!(matches!(Nerf::load(&path), Err(Error::Format { .. })));
-        }
     }
 }
 
@@ -259,7 +247,7 @@ fn the_callback_receives_progress_and_cancels_both_calls() {
 }
 
 #[test]
-fn bad_views_and_configurations_are_named() {
+fn bad_views_are_named() {
     let mut field = Nerf::new(hash(), 0).unwrap();
     assert!(matches!(field.fit(&[], &mut Silent), Err(Error::NoPixels)));
     let mut dark = view(Pose::identity(), true);
@@ -269,8 +257,4 @@ fn bad_views_and_configurations_are_named() {
     let mut torn = view(Pose::identity(), true);
     torn.image = Array3::zeros((2, 2, 3)).into_shared();
     assert!(matches!(field.fit(&[torn], &mut Silent), Err(Error::View { index: 0, .. })));
-    let mut config = hash();
-    config.train.rays = 3;
-    let message = Nerf::new(config, 0).unwrap_err().to_string();
-    assert_eq!(message, "train.rays is 3; give 16 to 65536 rays");
 }

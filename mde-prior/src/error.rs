@@ -67,11 +67,6 @@ impl Error {
     pub(crate) fn read(path: &Path, source: std::io::Error) -> Self {
         Self::Read { path: path.to_owned(), source }
     }
-
-    #[cfg(feature = "io")]
-    pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
-        Self::Write { path: path.to_owned(), source }
-    }
 }
 
 /// [`Error::Config`] for a value that is not sound.

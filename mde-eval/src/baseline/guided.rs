@@ -1,8 +1,9 @@
 use super::{channels, check, known, weights};
 use crate::metrics::sparsification::running_sums;
+use crate::raster::mean_of;
 use crate::{Refined, Result, Task};
 use nalgebra::{Matrix3, Vector3};
-use ndarray::{Array2, Axis, Zip};
+use ndarray::{Array2, Axis};
 
 /// Half the window's side without its middle, pixels.
 const RADIUS: usize = 12;
@@ -21,11 +22,7 @@ pub fn guided_filter(task: &Task<'_>) -> Result<Refined> {
     let colour = channels(task.image).map(|plane| plane.mapv(f64::from));
     let count = box_sums(weights.clone(), RADIUS);
     // Means over the known pixels of each window.
-    let mean = |map: Array2<f64>| {
-        let mut sums = box_sums(map * &weights, RADIUS);
-        Zip::from(&mut sums).and(&count).for_each(|sum, n| *sum = if *n > 0.0 { *sum / n } else { 0.0 });
-        sums
-    };
+    let mean = |map: Array2<f64>| mean_of(box_sums(map * &weights, RADIUS), &count);
     let mean_depth = mean(depth.clone());
     let mean_colour: [Array2<f64>; 3] = std::array::from_fn(|i| mean(colour[i].clone()));
     let cross: [Array2<f64>; 3] = std::array::from_fn(|i| mean(&colour[i] * &depth));

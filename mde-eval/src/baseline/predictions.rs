@@ -1,5 +1,5 @@
 use super::{check, known};
-use crate::raster::{blur, same_shape};
+use crate::raster::{blur_known, four_sigma, mean_of, same_shape};
 use crate::{Method, Refined, Result, Task};
 use mde_prior::{DepthKind, PriorDepth, augment};
 use ndarray::{Array2, ArrayView2, Zip, s};
@@ -47,7 +47,7 @@ impl Method for ZoomMerge {
             return Ok(task.prior.mapv(|_| 0.0).into());
         };
         let mut logs = task.prior.mapv(|d| if known(d) { f64::from(d).ln() } else { middle.ln() });
-        for &n in self.grids.iter().filter(|n| **n > 1) {
+        for &n in &self.grids {
             let change = grid(task, &logs, n)?;
             logs += &change;
         }
@@ -85,9 +85,7 @@ fn grid(task: &Task<'_>, logs: &Array2<f64>, n: usize) -> Result<Array2<f64>> {
             );
         }
     }
-    change
-        .zip_mut_with(&weight, |change, weight| *change = if *weight > 0.0 { *change / weight } else { 0.0 });
-    Ok(change)
+    Ok(mean_of(change, &weight))
 }
 
 /// What the crop's detail changes in the current log depth; nothing where it cannot be brought to it.
@@ -106,10 +104,9 @@ fn detail(crop: ArrayView2<'_, f32>, current: ArrayView2<'_, f64>) -> Option<Arr
         .and(current)
         .map_collect(|&d, &c| if known(d) { my + xy / xx * (f64::from(d).ln() - mx) } else { c });
     let sigma = (crop.ncols() as f64 / 6.0).max(1.0);
-    let share = blur(Array2::ones(crop.dim()), sigma);
     // Only the difference's high frequencies change anything.
     let difference = aligned - current;
-    let low = blur(difference.clone(), sigma) / share;
+    let low = blur_known(&difference, &Array2::ones(crop.dim()), four_sigma(sigma));
     Some(difference - low)
 }
 

@@ -51,17 +51,19 @@ pub fn solve_bilateral(
     same_shape("the target", target.dim(), (height, width))?;
     same_shape("the confidence", confidence.dim(), (height, width))?;
     let sound = |c: f32, t: f32| c == 0.0 || c > 0.0 && c.is_finite() && t.is_finite();
-    if let Some(index) = confidence.iter().zip(target).position(|(&c, &t)| !sound(c, t)) {
-        let value = confidence.iter().nth(index).map_or(f64::NAN, |c| f64::from(*c));
+    let mut pixels = confidence.iter().zip(target).enumerate();
+    if let Some((index, (c, _))) = pixels.find(|(_, (c, t))| !sound(**c, **t)) {
+        let value = f64::from(*c);
         let (what, expected) = ("the confidence", "at least 0, with a finite target");
         return Err(Error::Value { what, index, value, expected });
     }
     let grid = Grid::new(image);
+    let size = grid.neighbours.len();
     let weights = confidence.iter().map(|c| f64::from(*c));
     let product = |(&c, &t): (&f32, &f32)| if c > 0.0 { f64::from(c) * f64::from(t) } else { 0.0 };
     let weighted = confidence.iter().zip(target).map(product);
     let (diagonal, right) = (grid.splat(weights), grid.splat(weighted));
-    if grid.size == 0 || diagonal.iter().all(|d| *d <= 0.0) {
+    if diagonal.iter().all(|d| *d <= 0.0) {
         return Ok(Array2::zeros((height, width)));
     }
     let (m, n) = grid.bistochastic();
@@ -74,10 +76,10 @@ pub fn solve_bilateral(
         }
     }
     let fault = |what: String| Error::Method(format!("the bilateral solver's system {what}"));
-    let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(grid.size, grid.size, &entries)
+    let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(size, size, &entries)
         .map_err(|e| fault(format!("can't be built: {e:?}")))?;
     let factor = matrix.sp_cholesky(Side::Lower).map_err(|e| fault(format!("can't be factorised: {e:?}")))?;
-    let solution = factor.solve(&Col::from_fn(grid.size, |row| right[row]));
+    let solution = factor.solve(&Col::from_fn(size, |row| right[row]));
     Ok(grid.vertex.mapv(|vertex| solution[vertex as usize] as f32))
 }
 
@@ -104,7 +106,6 @@ pub fn fast_bilateral(task: &Task<'_>) -> Result<Refined> {
 
 /// The occupied vertices of the bilateral grid of place and colour.
 struct Grid {
-    size: usize,
     /// Vertex of each pixel.
     vertex: Array2<u32>,
     /// Occupied vertices one step away along each of the five axes.
@@ -144,28 +145,25 @@ impl Grid {
             (0..5).flat_map(|axis| [step(axis, -1), step(axis, 1)]).flatten().collect()
         };
         let neighbours = cells.iter().map(around).collect();
-        Self { size: cells.len(), vertex, neighbours }
+        Self { vertex, neighbours }
     }
 
     /// Sums of the pixels' values by vertex.
     fn splat(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
-        let mut sums = vec![0.0; self.size];
+        let mut sums = vec![0.0; self.neighbours.len()];
         self.vertex.iter().zip(values).for_each(|(&vertex, value)| sums[vertex as usize] += value);
         sums
     }
 
     fn blur(&self, values: &[f64]) -> Vec<f64> {
-        let sum = |row: usize| {
-            let around: f64 = self.neighbours[row].iter().map(|&column| values[column as usize]).sum();
-            Self::CENTRE * values[row] + around
-        };
-        (0..self.size).map(sum).collect()
+        let around = |row: &Vec<u32>| row.iter().map(|&column| values[column as usize]).sum::<f64>();
+        self.neighbours.iter().zip(values).map(|(row, own)| Self::CENTRE * own + around(row)).collect()
     }
 
     /// \\(m\\) and \\(n\\) with \\(n \odot \bar B n = m\\): the affinity's rows sum to one.
     fn bistochastic(&self) -> (Vec<f64>, Vec<f64>) {
         let m = self.splat(std::iter::repeat(1.0));
-        let mut n = vec![1.0; self.size];
+        let mut n = vec![1.0; m.len()];
         for _ in 0..ROUNDS {
             let blurred = self.blur(&n);
             n = n.iter().zip(&m).zip(&blurred).map(|((n, m), blurred)| (n * m / blurred).sqrt()).collect();

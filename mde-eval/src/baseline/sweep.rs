@@ -3,8 +3,9 @@ use crate::{Error, Refined, Result, Task};
 use mde_mvs::consensus::reconstruct;
 use mde_mvs::silent;
 use mde_mvs::sweep::{Surfaces, sweep};
+use mde_uncertainty::GaussianDepth;
 use mde_warp::{Pose, PosedView};
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2};
 
 /// Plane sweep of the photograph against the further ones, with known poses and nothing else: no prior, no consistency over
 /// photographs, no field. Depth and sigma are in the unit of the poses.
@@ -18,11 +19,7 @@ pub fn plane_sweep(task: &Task<'_>) -> Result<Refined> {
     let sources: Vec<usize> = (1..views.len()).collect();
     let surfaces = Surfaces::Planes { near: 0.5 * baseline, far: f64::INFINITY };
     let found = sweep(&views, 0, &sources, surfaces).map_err(|error| Error::Method(error.to_string()))?;
-    let known = found.depth.support();
-    let masked = |map: ArrayView2<'_, f32>| {
-        Zip::from(map).and(&known).map_collect(|value, known| if *known { *value } else { 0.0 })
-    };
-    Ok(Refined { sigma: Some(masked(found.depth.sigma().view())), ..masked(found.depth.mean()).into() })
+    Ok(refined(&found.depth))
 }
 
 /// The prior in the unit of the poses: its affine gauge in log depth, fitted to the plane sweeps of all photographs
@@ -40,8 +37,12 @@ pub fn gauged_prior(task: &Task<'_>) -> Result<Refined> {
     let known =
         reconstruct(&views, &priors, None, &mut silent).map_err(|error| Error::Method(error.to_string()))?;
     let reference = known.views.into_iter().next().ok_or(Error::NoViews)?;
-    let sigma = reference.prior.sigma().mapv(|sigma| if sigma.is_finite() { sigma } else { 0.0 });
-    Ok(Refined { sigma: Some(sigma), ..reference.prior.mean().to_owned().into() })
+    Ok(refined(&reference.prior))
+}
+
+fn refined(depth: &GaussianDepth) -> Refined {
+    let sigma = depth.sigma().mapv(|sigma| if sigma.is_finite() { sigma } else { 0.0 });
+    Refined { sigma: Some(sigma), ..depth.mean().to_owned().into() }
 }
 
 /// The photograph and the further ones of a task with poses.

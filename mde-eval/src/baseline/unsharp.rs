@@ -1,6 +1,6 @@
 use super::{check, known, weights};
 use crate::metrics::sharpness::sharpness;
-use crate::raster::{blur, same_shape};
+use crate::raster::{blur_known, four_sigma, same_shape};
 use crate::{Method, Refined, Result, Task, error};
 use ndarray::{Array2, ArrayView2, Zip};
 
@@ -44,12 +44,7 @@ impl Unsharp {
 fn detail(prior: ArrayView2<'_, f32>) -> Array2<f64> {
     let logs = prior.mapv(|d| if known(d) { f64::from(d).ln() } else { 0.0 });
     let weights = weights(prior);
-    let share = blur(weights.clone(), SIGMA);
-    let mut detail = blur(logs.clone(), SIGMA);
-    Zip::from(&mut detail).and(&logs).and(&share).and(&weights).for_each(|mean, log, share, weight| {
-        *mean = if *weight > 0.0 { log - *mean / share } else { 0.0 };
-    });
-    detail
+    (&logs - blur_known(&logs, &weights, four_sigma(SIGMA))) * weights
 }
 
 fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> Array2<f32> {

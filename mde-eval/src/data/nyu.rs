@@ -59,7 +59,7 @@ impl Nyu {
 
     /// Whether a folder holds a folder of images beside one of depth maps.
     pub(super) fn is_side_by_side(folder: &Path) -> bool {
-        colour_folder(folder).is_some() && folder.join("depth").is_dir()
+        side_by_side(folder).is_some()
     }
 
     /// Whether a folder holds depth maps of a recording.
@@ -96,8 +96,10 @@ impl DataSet for Nyu {
     }
 }
 
-fn colour_folder(folder: &Path) -> Option<PathBuf> {
-    COLOUR.iter().map(|name| folder.join(name)).find(|path| path.is_dir())
+/// The folder of images and the one of depth maps in a folder.
+fn side_by_side(folder: &Path) -> Option<(PathBuf, PathBuf)> {
+    let colour = COLOUR.iter().map(|name| folder.join(name)).find(|path| path.is_dir())?;
+    Some((colour, folder.join("depth"))).filter(|(_, depth)| depth.is_dir())
 }
 
 fn starts_with(path: &Path, prefix: &str) -> bool {
@@ -106,15 +108,14 @@ fn starts_with(path: &Path, prefix: &str) -> bool {
 
 /// The pairs of a folder, by the first number in the files' names; what has no counterpart is left out.
 fn pairs_of(folder: &Path) -> Result<Vec<Pair>> {
-    let (images, depths): (Vec<PathBuf>, Vec<PathBuf>) =
-        match colour_folder(folder).filter(|_| Nyu::is_side_by_side(folder)) {
-            Some(colour) => (files_with(&colour, &IMAGES)?, files_with(&folder.join("depth"), &["png"])?),
-            None => {
-                let files = files_with(folder, &IMAGES)?;
-                let named = |prefix| files.iter().filter(|path| starts_with(path, prefix)).cloned().collect();
-                (named("rgb_"), named("sync_depth_"))
-            }
-        };
+    let (images, depths): (Vec<PathBuf>, Vec<PathBuf>) = match side_by_side(folder) {
+        Some((colour, depth)) => (files_with(&colour, &IMAGES)?, files_with(&depth, &["png"])?),
+        None => {
+            let files = files_with(folder, &IMAGES)?;
+            let named = |prefix| files.iter().filter(|path| starts_with(path, prefix)).cloned().collect();
+            (named("rgb_"), named("sync_depth_"))
+        }
+    };
     let mut depth_of = BTreeMap::new();
     for path in depths {
         let Some(number) = number(&path) else { continue };

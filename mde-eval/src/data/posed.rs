@@ -129,9 +129,8 @@ impl Posed {
         let middle = median(truth.iter().copied().filter(|z| *z > 0.0));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
-        let id = id.to_owned();
-        let mut capture = Capture { id, views, truth, trusted_depth }.rebased();
-        let seed = derived_seed(0, &capture.id, 0);
+        let mut capture = Capture { id: id.to_owned(), views, truth, trusted_depth }.rebased();
+        let seed = derived_seed(0, id, 0);
         for (index, captured) in capture.views.iter_mut().enumerate().skip(1) {
             captured.view.pose = disturbed(&captured.view.pose, self.pose_noise, seed, index);
         }

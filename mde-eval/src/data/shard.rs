@@ -34,11 +34,9 @@ mod tests {
 
     #[test]
     fn every_name_is_in_one_shard() {
-        let shards: Vec<Shard> = (1..=4).map(|index| Shard { index, count: 4 }).collect();
-        let counts: Vec<usize> = shards
-            .iter()
-            .map(|shard| (0..1000).filter(|number| shard.has(&format!("IMG_{number:04}"))).count())
-            .collect();
+        let shards = [1, 2, 3, 4].map(|index| Shard { index, count: 4 });
+        let counts =
+            shards.map(|shard| (0..1000).filter(|number| shard.has(&format!("IMG_{number:04}"))).count());
         assert_eq!(counts.iter().sum::<usize>(), 1000);
         assert!(counts.iter().all(|count| (150..350).contains(count)), "{counts:?}");
     }

@@ -31,46 +31,33 @@ pub fn boundary_f1(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Resul
     }
     let thresholds: [f64; RATIOS] =
         std::array::from_fn(|k| 1.05 + (1.25 - 1.05) * k as f64 / (RATIOS - 1) as f64);
-    let counts = count_pairs([prediction, truth], mask, &thresholds);
-    let total: f64 = thresholds.iter().sum();
-    let score = |k: usize| {
-        let share = |of: usize| {
-            let shares = counts.iter().map(|count| count[k][HITS] as f64 / count[k][of].max(1) as f64);
-            0.25 * shares.sum::<f64>()
-        };
-        super::edges::harmonic(share(PREDICTED), share(TRUE))
-    };
-    Ok(thresholds.iter().enumerate().map(|(k, t)| t / total * score(k)).sum())
-}
-
-/// Boundaries above each ratio, for one direction: predicted, true and both.
-type Counts = [[u64; 3]; RATIOS];
-const PREDICTED: usize = 0;
-const TRUE: usize = 1;
-const HITS: usize = 2;
-
-/// Along the rows and the columns, each with the second pixel behind and in front.
-fn count_pairs(maps: [Map<'_>; 2], mask: Mask<'_>, thresholds: &[f64; RATIOS]) -> [Counts; 4] {
-    let mut counts = [Counts::default(); 4];
+    // Boundaries above each ratio, by direction.
+    let [mut predicted, mut known, mut hits] = [[[0_u64; RATIOS]; 4]; 3];
+    let counts = |at| mask.get(at).is_some_and(|keep| *keep);
     for (y, x) in ndarray::indices(mask.dim()) {
-        let at = (y, x);
-        for (axis, next) in [(y, x + 1), (y + 1, x)].into_iter().enumerate() {
-            if mask[at] && mask.get(next).is_some_and(|keep| *keep) {
-                for (sign, (behind, front)) in [(next, at), (at, next)].into_iter().enumerate() {
-                    // How many of the thresholds the ratio of inverse depths exceeds.
-                    let [predicted, known] = maps.map(|map| {
-                        let ratio =
-                            f64::from(map[behind].max(MIN_DEPTH)) / f64::from(map[front].max(MIN_DEPTH));
-                        thresholds.iter().take_while(|&&t| ratio > t).count()
-                    });
-                    for (k, count) in counts[2 * axis + sign].iter_mut().enumerate() {
-                        count[PREDICTED] += u64::from(k < predicted);
-                        count[TRUE] += u64::from(k < known);
-                        count[HITS] += u64::from(k < predicted.min(known));
-                    }
-                }
+        let (at, right, below) = ((y, x), (y, x + 1), (y + 1, x));
+        let directions = [(right, at), (at, right), (below, at), (at, below)];
+        for (direction, (behind, front)) in directions.into_iter().enumerate() {
+            if !(counts(behind) && counts(front)) {
+                continue;
             }
+            // How many of the thresholds the ratio of inverse depths exceeds.
+            let [of_prediction, of_truth] = [prediction, truth].map(|map| {
+                let ratio = f64::from(map[behind].max(MIN_DEPTH)) / f64::from(map[front].max(MIN_DEPTH));
+                thresholds.iter().take_while(|&&t| ratio > t).count()
+            });
+            predicted[direction][..of_prediction].iter_mut().for_each(|count| *count += 1);
+            known[direction][..of_truth].iter_mut().for_each(|count| *count += 1);
+            hits[direction][..of_prediction.min(of_truth)].iter_mut().for_each(|count| *count += 1);
         }
     }
-    counts
+    let total: f64 = thresholds.iter().sum();
+    let score = |k: usize| {
+        let share = |of: &[[u64; RATIOS]; 4]| {
+            let shares = hits.iter().zip(of).map(|(hits, of)| hits[k] as f64 / of[k].max(1) as f64);
+            0.25 * shares.sum::<f64>()
+        };
+        super::edges::harmonic(share(&predicted), share(&known))
+    };
+    Ok(thresholds.iter().enumerate().map(|(k, t)| t / total * score(k)).sum())
 }

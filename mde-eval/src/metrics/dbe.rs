@@ -3,7 +3,7 @@
 use super::depth_range;
 use super::edges::Edges;
 use crate::Result;
-use crate::raster::{Gradient, Map, Mask, blur, same_shape};
+use crate::raster::{Gradient, Map, Mask, blur, four_sigma, same_shape};
 use ndarray::Array2;
 use std::f64::consts::SQRT_2;
 
@@ -36,7 +36,7 @@ pub fn boundaries(map: Map<'_>, mask: Mask<'_>) -> Result<Edges> {
     let mut values = map.mapv(|d| f64::from((d - low) / (high - low)));
     values.zip_mut_with(&mask, |value, keep| *value = if *keep && value.is_finite() { *value } else { 0.0 });
     let weights = mask.mapv(|keep| f64::from(u8::from(keep)));
-    let (mut smooth, share) = (blur(values, SQRT_2), blur(weights, SQRT_2));
+    let [mut smooth, share] = [values, weights].map(|map| blur(&map, four_sigma(SQRT_2)));
     smooth.zip_mut_with(&share, |value, share| *value /= share + f64::EPSILON);
     Ok(Edges::new(hysteresis(&Gradient::sobel(&smooth).thin(mask, 0.15), 0.3)))
 }

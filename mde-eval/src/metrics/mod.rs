@@ -28,6 +28,12 @@ mod tests {
     use sparsification::{Reduction, costs_by_uncertainty, sparsify};
 
     #[test]
+    fn delta_is_strict() {
+        let within = |k| depth::delta(&[1.25, 1.0], &[1.0, 1.0], k).unwrap();
+        assert_eq!((within(1), within(2)), (0.5, 1.0));
+    }
+
+    #[test]
     fn faults_are_named() {
         assert!(matches!(depth::mse(&[1.0], &[1.0, 2.0]), Err(Error::Length { found: 1, expected: 2, .. })));
         assert!(matches!(depth::mse(&[], &[]), Err(Error::Empty(_))));

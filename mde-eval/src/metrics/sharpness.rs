@@ -20,30 +20,27 @@ use ndarray::{Array2, Zip};
 /// [`Error::Shape`] where map and mask differ, [`Error::Empty`] without a pixel, [`Error::Value`] for a median that is not positive.
 pub fn sharpness(map: Map<'_>, mask: Mask<'_>) -> Result<f64> {
     let everywhere = Array2::from_elem(mask.dim(), true);
-    split(map, mask, &everywhere)?.on.ok_or(Error::Empty("the sharpness"))
+    let [on, _] = split(map, mask, &everywhere)?;
+    on.ok_or(Error::Empty("the sharpness"))
 }
 
-/// [`sharpness`] near true edges and away from them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EdgeSplit {
-    /// Mean gradient within the band, nothing where the band is empty.
-    pub on: Option<f64>,
-    /// Mean gradient outside the band, nothing where the band is everything.
-    pub off: Option<f64>,
-}
-
-/// [`sharpness`] split by the distance to the true edges: `on` within `band` pixels (Euclidean), `off` beyond.
+/// [`sharpness`] on the true edges, within `band` pixels (Euclidean) of them, and off them, beyond; nothing where no pixel is there.
 ///
 /// `edges` are the truth's ([`edges::edges`](super::edges::edges)).
 ///
 /// # Errors
 /// As [`sharpness`].
-pub fn sharpness_by_edges(map: Map<'_>, mask: Mask<'_>, edges: &Edges, band: f64) -> Result<EdgeSplit> {
+pub fn sharpness_by_edges(
+    map: Map<'_>,
+    mask: Mask<'_>,
+    edges: &Edges,
+    band: f64,
+) -> Result<[Option<f64>; 2]> {
     same_shape("the edge map", edges.pixels.dim(), mask.dim())?;
     split(map, mask, &edges.distance.mapv(|d| d <= band))
 }
 
-fn split(map: Map<'_>, mask: Mask<'_>, near: &Array2<bool>) -> Result<EdgeSplit> {
+fn split(map: Map<'_>, mask: Mask<'_>, near: &Array2<bool>) -> Result<[Option<f64>; 2]> {
     same_shape("the prediction", map.dim(), mask.dim())?;
     let middle = median(gather(map, mask)).ok_or(Error::Empty("the sharpness"))?;
     if !(middle > 0.0 && middle.is_finite()) {
@@ -60,6 +57,5 @@ fn split(map: Map<'_>, mask: Mask<'_>, near: &Array2<bool>) -> Result<EdgeSplit>
             *count += 1;
         }
     });
-    let mean = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64 / (8.0 * middle));
-    Ok(EdgeSplit { on: mean(sums[0]), off: mean(sums[1]) })
+    Ok(sums.map(|(sum, count)| (count > 0).then(|| sum / count as f64 / (8.0 * middle))))
 }

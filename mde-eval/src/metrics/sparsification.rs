@@ -9,6 +9,7 @@
 use crate::Result;
 use crate::error::{self, List, check_lists};
 use mde_uncertainty::statistics::Order;
+use serde::{Deserialize, Serialize};
 
 /// How the kept costs become one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,7 +21,8 @@ pub enum Reduction {
 }
 
 /// The three curves.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Sparsification {
     /// Share of the pixels that has been removed, rising from 0.
     pub removed: Vec<f64>,

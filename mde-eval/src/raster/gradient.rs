@@ -64,10 +64,9 @@ impl Gradient {
                 let weight = flat / steep;
                 let side = |sign: isize| {
                     let at = |(dy, dx): (isize, isize)| {
-                        let row = y.checked_add_signed(sign * dy)?;
-                        self.magnitude.get((row, x.checked_add_signed(sign * dx)?)).copied()
+                        self.magnitude[(y.wrapping_add_signed(sign * dy), x.wrapping_add_signed(sign * dx))]
                     };
-                    weight * at((along, 1)).unwrap_or(0.0) + (1.0 - weight) * at(straight).unwrap_or(0.0)
+                    weight * at((along, 1)) + (1.0 - weight) * at(straight)
                 };
                 if side(1) <= here && side(-1) <= here {
                     out[(y, x)] = here;

@@ -133,18 +133,17 @@ pub fn room(room: Room, seed: u64, width: usize, height: usize) -> Result<Scene>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use solid::Ray;
 
     /// The tree only saves work.
     #[test]
     fn the_tree_finds_what_a_search_of_all_bodies_finds() {
         for kind in Room::ALL {
             let world = World::new(kind, 2).unwrap();
+            let (bodies, _) = rooms::furnish(kind, 2);
             let camera = world.camera(24, 18).unwrap();
             for (y, x) in (0..18).flat_map(|y| (0..24).map(move |x| (y, x))) {
-                let ray: Ray = world.setting.eye.ray(&camera, f64::from(x), f64::from(y));
-                let bodies = world.bodies.bodies.iter();
-                let all = bodies.filter_map(|body| body.meet(&ray, f64::INFINITY)).map(|c| c.t);
+                let ray = world.setting.eye.ray(&camera, f64::from(x), f64::from(y));
+                let all = bodies.iter().filter_map(|body| body.meet(&ray, f64::INFINITY)).map(|c| c.t);
                 let expected = all.fold(f64::INFINITY, f64::min);
                 let found = world.bodies.nearest(&ray, f64::INFINITY).map(|(_, contact)| contact.t);
                 assert_eq!(found, Some(expected), "{kind} {x} {y}");

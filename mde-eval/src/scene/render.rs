@@ -4,6 +4,7 @@ use super::World;
 use super::noise::lattice;
 use super::solid::{Body, Contact, Ray, Vector};
 use super::texture::Colour;
+use crate::capture::on_sphere;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array3, indices};
 use rayon::prelude::*;
@@ -136,21 +137,12 @@ struct Dither {
 }
 
 impl Dither {
-    /// Two numbers in 0 to 1 that fill the square evenly over the sub-pixels of one pixel.
-    fn pair(&self, purpose: usize) -> (f64, f64) {
+    /// A point of the unit sphere; those of the sub-pixels of one pixel fill it evenly.
+    fn on_sphere(&self, purpose: usize) -> Vector {
         let turn = |axis: i64| lattice(self.x as i64, self.y as i64, purpose as i64 * 2 + axis);
         let cell = (self.k * 5 + purpose * 2) % (GRID * GRID);
         let at = |cell: usize, shift: f64| (cell as f64 + shift) / GRID as f64;
-        (at(cell % GRID, turn(100)), at(cell / GRID, turn(101)))
-    }
-
-    /// A point of the unit sphere.
-    fn on_sphere(&self, purpose: usize) -> Vector {
-        let (u, v) = self.pair(purpose);
-        let z = 1.0 - 2.0 * u;
-        let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
-        let r = (1.0 - z * z).max(0.0).sqrt();
-        Vector::new(r * cos, r * sin, z)
+        on_sphere(1.0 - 2.0 * at(cell % GRID, turn(100)), at(cell / GRID, turn(101)))
     }
 }
 

@@ -158,16 +158,15 @@ fn quadratic(a: f64, b: f64, c: f64) -> Option<[f64; 2]> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
-    use crate::scene::texture::Material;
     use nalgebra::{Rotation3, Unit};
     use proptest::prelude::*;
 
     impl Body {
         /// Signed measure of a room point: negative inside, positive outside, at most the distance in size for blocks
         /// and cones; for ellipsoids only its sign counts. Shares nothing with the ray formulas.
-        pub(in crate::scene) fn outside(&self, point: Vector) -> f64 {
+        fn outside(&self, point: Vector) -> f64 {
             let p = self.to_local * (point - self.origin);
             match self.shape {
                 Shape::Block(half) => (p.abs() - half).max(),

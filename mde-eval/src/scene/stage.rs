@@ -120,8 +120,8 @@ pub(super) fn lean(about_x: f64, about_z: f64) -> Turn {
 }
 
 pub(super) fn wood(light: Triple, dark: Triple, seed: f64) -> Material {
-    let colour = |[r, g, b]: Triple| rgb(r, g, b);
-    Material::new(Texture::Wood([colour(light), colour(dark)], seed)).gloss(0.08)
+    let colours = [light, dark].map(|[r, g, b]| rgb(r, g, b));
+    Material::new(Texture::Wood(colours, seed)).gloss(0.08)
 }
 
 pub(super) fn oak(seed: f64) -> Material {

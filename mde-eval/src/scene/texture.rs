@@ -98,7 +98,7 @@ impl Texture {
                 let base = if (u / width).rem_euclid(2.0) < 1.0 { first } else { second };
                 base * (0.94 + 0.1 * fractal(point * 6.0))
             }
-            Self::Rug([ground, figure, border]) => rug(shape, ground, figure, border, u, v),
+            Self::Rug([ground, figure, border]) => rug(half_size(shape), ground, figure, border, u, v),
             Self::Speckle([ground, fleck], size) => {
                 let spots = value(point / size);
                 ground.lerp(&fleck, ((spots - 0.55) * 6.0).clamp(0.0, 1.0))
@@ -107,7 +107,7 @@ impl Texture {
             Self::Painting(seed) => painting(point, seed),
             Self::Outdoors(seed) => outdoors(u, v, seed),
             Self::Screen(seed) => screen(u, v, seed),
-            Self::Spine([cloth, band], seed) => spine(shape, cloth, band, seed, point),
+            Self::Spine([cloth, band], seed) => spine(half_size(shape).z, cloth, band, seed, point),
         }
     }
 }
@@ -118,6 +118,14 @@ fn face(p: Vector, normal: Vector) -> (f64, f64) {
         0 => (p.y, p.z),
         1 => (p.x, p.z),
         _ => (p.x, p.y),
+    }
+}
+
+/// From the origin of a solid's frame to its sides; of a cone, to its mantle and its end.
+fn half_size(shape: &Shape) -> Vector {
+    match *shape {
+        Shape::Block(half) | Shape::Ellipsoid(half) => half,
+        Shape::Frustum { length, bottom, .. } => Vector::new(bottom, bottom, length),
     }
 }
 
@@ -178,11 +186,7 @@ fn bricks(brick: Colour, joint: Colour, u: f64, v: f64) -> Colour {
     brick * (0.6 + 0.5 * lattice(column as i64, row as i64, 9) + 0.35 * (noise - 0.4))
 }
 
-fn rug(shape: &Shape, ground: Colour, figure: Colour, border: Colour, u: f64, v: f64) -> Colour {
-    let half = match shape {
-        Shape::Block(half) | Shape::Ellipsoid(half) => *half,
-        Shape::Frustum { bottom, .. } => Vector::repeat(*bottom),
-    };
+fn rug(half: Vector, ground: Colour, figure: Colour, border: Colour, u: f64, v: f64) -> Colour {
     let edge = (half.x - u.abs()).min(half.y - v.abs());
     let pile = 0.75 + 0.45 * value(Vector::new(u * 220.0, v * 220.0, 0.0));
     let lines = (0.10..0.13).contains(&edge) || (0.20..0.215).contains(&edge);
@@ -239,11 +243,7 @@ fn screen(u: f64, v: f64, seed: f64) -> Colour {
     }
 }
 
-fn spine(shape: &Shape, cloth: Colour, band: Colour, seed: f64, p: Vector) -> Colour {
-    let half = match shape {
-        Shape::Block(half) | Shape::Ellipsoid(half) => half.z,
-        Shape::Frustum { length, .. } => *length,
-    };
+fn spine(half: f64, cloth: Colour, band: Colour, seed: f64, p: Vector) -> Colour {
     let height = p.z / half;
     let ring = (0.62..0.70).contains(&height.abs()) && seed > 0.35;
     let letter = lattice((p.z / 0.006).floor() as i64, (seed * 1e4) as i64, 4) > 0.35;

@@ -81,10 +81,9 @@ impl World {
         let reference = self.render(&camera, &Pose::identity());
         let known = reference.depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z));
         let middle = median(known).ok_or(Error::Empty("a capture"))?;
-        let mut poses = vec![Pose::identity()];
-        poses.extend(self.poses(config, middle)?);
-        let mut views = Vec::with_capacity(poses.len());
-        for (index, pose) in poses.into_iter().enumerate() {
+        let poses = std::iter::once(Pose::identity()).chain(self.poses(config, middle)?);
+        let mut views = Vec::new();
+        for (index, pose) in poses.enumerate() {
             let scene = if index == 0 { reference.clone() } else { self.render(&camera, &pose) };
             let gain = match (index, config.seed % 2) {
                 (1, 0) => 1.0 + config.gain,

@@ -2,7 +2,7 @@ use crate::Result;
 use crate::metrics::boundary::boundary_f1;
 use crate::metrics::dbe::{BoundaryErrors, boundaries, boundary_errors};
 use crate::metrics::edges::{Edges, edge_curve, edges};
-use crate::metrics::sharpness::{EdgeSplit, sharpness, sharpness_by_edges};
+use crate::metrics::sharpness::{sharpness, sharpness_by_edges};
 use crate::metrics::superpixel::{SuperpixelPairs, d3r};
 use crate::raster::{Map, gather};
 use ndarray::Array2;
@@ -23,24 +23,17 @@ pub(super) struct DepthMap {
     pub(super) predicted: Vec<f64>,
     /// The truth of the same pixels.
     pub(super) true_depths: Vec<f64>,
-    /// At each of [`EDGE_THRESHOLDS`].
-    pub(super) edges: Vec<EdgeScores>,
-    /// Sharpness on and off the true edges.
-    pub(super) split: EdgeSplit,
+    /// At each of [`EDGE_THRESHOLDS`], on both sides.
+    pub(super) f1: Vec<f64>,
+    /// At each of [`EDGE_THRESHOLDS`] of the truth, the prediction's threshold swept; nothing where the truth has no edge.
+    pub(super) f1_max: Vec<Option<f64>>,
+    pub(super) sharpness_on_off: [Option<f64>; 2],
     /// Nothing where the truth has no boundary.
     pub(super) dbe: Option<BoundaryErrors>,
     pub(super) d3r: Option<f64>,
     pub(super) boundary_f1: f64,
     /// Nothing where no pixel is left.
     pub(super) sharpness: Option<f64>,
-}
-
-/// Edge scores at one threshold of the truth.
-pub(super) struct EdgeScores {
-    /// With the same threshold on both sides.
-    pub(super) f1: f64,
-    /// With the prediction's threshold swept; nothing where the truth has no edge.
-    pub(super) f1_max: Option<f64>,
 }
 
 impl DepthMap {
@@ -50,20 +43,23 @@ impl DepthMap {
             let curve = edge_curve(map, mask, true_edges, EDGE_TOLERANCE)?;
             // One point of the curve is the fixed threshold's score; without true edges it is 0.
             let f1 = curve.as_ref().map_or(0.0, |curve| curve.at(threshold).f1());
-            Ok(EdgeScores { f1, f1_max: curve.map(|curve| curve.f1_max()) })
+            Ok((f1, curve.map(|curve| curve.f1_max())))
         };
+        let edge_scores = EDGE_THRESHOLDS.into_iter().zip(&truth.edges).map(edge_scores);
         let (edges, (dbe, boundary_f1)) = rayon::join(
-            || EDGE_THRESHOLDS.into_iter().zip(&truth.edges).map(edge_scores).collect::<Result<_>>(),
+            || edge_scores.collect::<Result<(Vec<_>, Vec<_>)>>(),
             || {
                 let errors = boundaries(map, mask).and_then(|own| boundary_errors(&own, &truth.boundaries));
                 (errors, boundary_f1(map, true_depth, mask))
             },
         );
+        let (f1, f1_max) = edges?;
         Ok(Self {
             predicted: gather(map, mask),
             true_depths: gather(true_depth, mask),
-            edges: edges?,
-            split: sharpness_by_edges(map, mask, &truth.edges[BAND_EDGES], BAND)?,
+            f1,
+            f1_max,
+            sharpness_on_off: sharpness_by_edges(map, mask, &truth.edges[BAND_EDGES], BAND)?,
             dbe: dbe?,
             d3r: d3r(map, &truth.superpixels)?,
             boundary_f1: boundary_f1?,

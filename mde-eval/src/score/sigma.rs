@@ -12,14 +12,9 @@ use serde::{Deserialize, Serialize};
 pub struct UncertaintyCurves {
     /// Mean \\(|e|\\) by percentile of sigma, m: 100 bins, or as many as there are pixels.
     pub error_by_percentile: Vec<f64>,
-    /// Share of pixels removed: 0, 0.01, ..., 0.99.
-    pub removed: Vec<f64>,
-    /// Mean \\(|e|\\) of the rest when the most uncertain go, over the [joint maximum](crate::metrics::sparsification::sparsify).
-    pub by_sigma: Vec<f64>,
-    /// The same when the worst go.
-    pub oracle: Vec<f64>,
-    /// The same of all pixels.
-    pub random: f64,
+    /// Of \\(|e|\\), over the [joint maximum](sparsify).
+    #[serde(flatten)]
+    pub sparsification: Sparsification,
     /// Quantiles of \\(|z| = |e| / \sigma\\) at 0, 0.01, ..., 1.
     pub abs_z_quantiles: Vec<f64>,
 }
@@ -29,18 +24,16 @@ pub(super) struct SigmaMap {
     /// Aligned prediction minus truth.
     pub(super) errors: Vec<f64>,
     pub(super) sigma: Vec<f64>,
-    /// Mean error of 100 runs by rising sigma.
-    error_by_percentile: Vec<f64>,
     pub(super) spearman: Option<f64>,
     pub(super) spearman_binned: Option<f64>,
     /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
     pub(super) spearman_relative: Option<f64>,
-    pub(super) mae: Sparsification,
     pub(super) rmse: Sparsification,
     /// By relative error in order of sigma over depth: a sigma proportional to depth is at chance.
     pub(super) relative: Sparsification,
     pub(super) poggi_abs_rel: Sparsification,
     pub(super) calibration: CalibrationErrors,
+    pub(super) curves: UncertaintyCurves,
 }
 
 impl SigmaMap {
@@ -48,16 +41,13 @@ impl SigmaMap {
     pub(super) fn new(aligned: &Aligned<'_>) -> Result<Option<Self>> {
         let Aligned { subject, alignment, depth, truth, pixels } = aligned;
         let Some(sigma) = subject.sigma else { return Ok(None) };
-        let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());
         let values = subject.prediction.iter().zip(sigma).zip(depth).zip(truth).zip(pixels);
-        for ((((&p, &sigma), &aligned), &truth), &keep) in values {
+        let known = values.filter_map(|((((&p, &sigma), &aligned), &truth), &keep)| {
             let scaled = alignment.sigma(f64::from(p), f64::from(sigma));
-            if keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite() {
-                errors.push(f64::from(aligned) - f64::from(truth));
-                sigmas.push(scaled);
-                truths.push(f64::from(truth));
-            }
-        }
+            let counts = keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite();
+            counts.then(|| (f64::from(aligned) - f64::from(truth), scaled, f64::from(truth)))
+        });
+        let (errors, sigmas, truths): (Vec<f64>, Vec<f64>, Vec<f64>) = known.collect();
         if errors.is_empty() {
             return Ok(None);
         }
@@ -71,32 +61,24 @@ impl SigmaMap {
         let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(&truth).map(over_depth).collect();
         let bins = costs_by_uncertainty(&absolute, &sigma, 100)?;
         let (mean_sigma, error_by_percentile): (Vec<f64>, Vec<f64>) = bins.into_iter().unzip();
+        let mut z: Vec<f64> = errors.iter().zip(&sigma).map(|(e, s)| (e / s).abs()).collect();
+        z.sort_unstable_by(f64::total_cmp);
+        let abs_z_quantiles = (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect();
         Ok(Some(Self {
             spearman: spearman(&sigma, &absolute)?,
             spearman_binned: spearman(&mean_sigma, &error_by_percentile)?,
             spearman_relative: spearman(&relative_sigma, &relative)?,
-            mae: sparsify(&absolute, &sigma, Mean)?,
             rmse: sparsify(&squared, &sigma, RootMean)?,
             relative: sparsify(&relative, &relative_sigma, Mean)?,
             poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
+            curves: UncertaintyCurves {
+                error_by_percentile,
+                sparsification: sparsify(&absolute, &sigma, Mean)?,
+                abs_z_quantiles,
+            },
             errors,
-            error_by_percentile,
             sigma,
         }))
-    }
-
-    pub(super) fn curves(&self) -> UncertaintyCurves {
-        let Sparsification { removed, by_sigma, oracle, random } = self.mae.clone();
-        let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
-        z.sort_unstable_by(f64::total_cmp);
-        UncertaintyCurves {
-            error_by_percentile: self.error_by_percentile.clone(),
-            removed,
-            by_sigma,
-            oracle,
-            random,
-            abs_z_quantiles: (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect(),
-        }
     }
 }

@@ -6,7 +6,7 @@ use crate::scene::World;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::derived_seed;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, indices, s};
 use serde::Serialize;
 
 /// Faults of a [`SimulatedModel`].
@@ -103,7 +103,7 @@ impl Known {
         }
         let radius = (0.5 * config.lost_width * width as f64).round() as usize;
         let bend = waves(depth.dim(), ("simulated-model", config.seed, 0));
-        let kept = close(depth, &Array2::from_elem(depth.dim(), true), radius);
+        let kept = close(&depth.mapv(f64::from), radius);
         let disparity =
             Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
         Ok(Self { image: image.to_owned(), disparity, config })
@@ -116,20 +116,13 @@ impl Known {
         if height == 0 || width == 0 || height > rows || width > columns {
             return None;
         }
-        let mirrored = picture.slice(s![.., ..;-1, ..]);
-        for y in 0..=rows - height {
-            for x in 0..=columns - width {
-                let window = self.image.slice(s![y..y + height, x..x + width, ..]);
-                // A whole comparison ends at its first difference, nearly always in its first row.
-                if window == picture {
-                    return Some((y, x, false));
-                }
-                if window == mirrored {
-                    return Some((y, x, true));
-                }
-            }
-        }
-        None
+        let views = [picture, picture.slice(s![.., ..;-1, ..])];
+        indices((rows - height + 1, columns - width + 1)).into_iter().find_map(|(y, x)| {
+            let window = self.image.slice(s![y..y + height, x..x + width, ..]);
+            // A whole comparison ends at its first difference, nearly always in its first row.
+            let seen = views.iter().position(|view| window == view)?;
+            Some((y, x, seen == 1))
+        })
     }
 
     /// The disparity of a part of the photograph, as the network predicts it.
@@ -139,8 +132,7 @@ impl Known {
         let mut small = shrunk(part, cells);
         let radius = (0.5 * lost_cells).round() as usize;
         if radius > 0 {
-            let known = Array2::from_elem(cells, true);
-            small = close(&small.mapv(|d| d.recip() as f32), &known, radius).mapv(f64::recip);
+            small = close(&small.mapv(|d| f64::from(d.recip() as f32)), radius).mapv(f64::recip);
         }
         if own_error > 0.0 {
             let bend = waves(cells, ("simulated-question", seed, call));

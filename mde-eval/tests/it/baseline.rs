@@ -5,14 +5,13 @@ use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::baseline::{METHODS, Unsharp, named, plane_sweep, solve_bilateral};
 use mde_eval::data::Sample;
 use mde_eval::mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
-use mde_eval::mde_warp::{PinholeCamera, Pose, WarpConfig, forward_warp};
+use mde_eval::mde_warp::{PinholeCamera, PosedView};
 use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
 use mde_eval::scene::{CaptureConfig, Room, World, room};
 use mde_eval::score::{ScoreConfig, Subject, score};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_eval::{Error, Result, Task, TaskView};
-use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use proptest::prelude::*;
 use serde_json::Value;
@@ -183,15 +182,16 @@ fn a_model_that_is_asked_again_brings_its_detail() {
 }
 
 /// A study from four sides.
-fn captured() -> Sample {
+fn captured() -> (World, Sample) {
     let config = CaptureConfig { views: 4, baseline: 0.08, ..CaptureConfig::default() };
-    let capture = World::new(Room::Study, 0).unwrap().capture("study", &config, 160, 120).unwrap();
-    Sample::of_capture(capture).unwrap()
+    let world = World::new(Room::Study, 0).unwrap();
+    let capture = world.capture("study", &config, 160, 120).unwrap();
+    (world, Sample::of_capture(capture).unwrap())
 }
 
 #[test]
 fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
-    let sample = captured();
+    let (_, sample) = captured();
     let views = sample.views.iter().map(|known| TaskView { view: &known.view, posed: true, prior: None });
     let views: Vec<TaskView<'_>> = views.collect();
     let (prior, rule) = (Array2::ones(sample.depth.dim()), DisparityRule::default());
@@ -211,17 +211,12 @@ fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
 /// Exact depths in a unit of their own come into the unit of the poses, with their bends left as they are.
 #[test]
 fn the_gauge_of_the_poses_brings_a_prior_into_their_unit() {
-    let sample = captured();
+    let (world, sample) = captured();
     let (prior, rule) = (sample.depth.mapv(|z| 3.0 * z), DisparityRule::default());
-    let exact = GaussianDepth::new(sample.depth.clone(), Array2::ones(prior.dim())).unwrap();
-    let (image, from, config) = (sample.image.view(), Pose::identity(), WarpConfig::default());
-    let warped = sample.views.iter().map(|known| {
-        let (camera, pose) = (&known.view.camera, &known.view.pose);
-        let warped = forward_warp(image, &exact, &sample.camera, &from, camera, pose, &config).unwrap();
-        (&known.view, warped.depth.mapv(|z| 3.0 * z))
-    });
-    let warped: Vec<_> = warped.collect();
-    let views = warped.iter().map(|(view, prior)| TaskView { view, posed: true, prior: Some(prior) });
+    let of = |view: &PosedView| world.depth(&view.camera, &view.pose).mapv(|z| 3.0 * z);
+    let priors: Vec<_> = sample.views.iter().map(|known| of(&known.view)).collect();
+    let views = sample.views.iter().zip(&priors);
+    let views = views.map(|(known, prior)| TaskView { view: &known.view, posed: true, prior: Some(prior) });
     let views: Vec<TaskView<'_>> = views.collect();
     let task = Task { views: &views, ..Task::new(sample.image.view(), &sample.camera, prior.view(), &rule) };
     let gauged = named("gauged").unwrap().refine(&task).unwrap();

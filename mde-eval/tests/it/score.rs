@@ -94,9 +94,7 @@ fn a_sigma_proportional_to_depth_is_at_chance_where_errors_are_relative() {
     });
     let scores = |sigma: &Array2<f32>| {
         let subject = Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view());
-        score_aligned(&subject, &Alignment::Depth { scale: 1.0, shift: 0.0 }, &ScoreConfig::default())
-            .unwrap()
-            .values
+        score_aligned(&subject, &Alignment::IDENTITY, &ScoreConfig::default()).unwrap().values
     };
     let [by_depth, right] = [scores(&(&prediction * 0.25)), scores(&(&prediction * &share))];
     assert!(by_depth["aurg_relative"].abs() < 0.02, "{by_depth:?}");

@@ -400,11 +400,11 @@ impl DepthPrior for OnnxPrior {
                     let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
                     let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
                     if self.spec.recover_shift {
-                        let found = points.camera(mask.as_ref()).ok_or_else(|| {
+                        let (shift, focal) = points.camera(mask.as_ref()).ok_or_else(|| {
                             self.empty("too few valid points to find their shift; check the outputs' names")
                         })?;
-                        z.mapv_inplace(|z| z + found.shift);
-                        let focal = found.focal * width as f64 / frame.within(z.dim()).1 as f64;
+                        z.mapv_inplace(|z| z + shift);
+                        let focal = focal * width as f64 / frame.within(z.dim()).1 as f64;
                         intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
                     }
                     let shape = vec![z.nrows(), z.ncols()];

@@ -5,7 +5,7 @@ use crate::prior::{FIELDS_OF_VIEW, INVERSE_DEPTHS};
 use crate::{Error, Result};
 use std::path::Path;
 use tract_onnx::pb::tensor_shape_proto::dimension::Value;
-use tract_onnx::pb::{NodeProto, ValueInfoProto};
+use tract_onnx::pb::{AttributeProto, NodeProto, ValueInfoProto};
 
 /// The layers by which FastDepth (Wofk et al., 2019) is recognised: MobileNet's depthwise convolutions of 3 x 3, and those of 5 x 5 of its decoder.
 const FASTDEPTH: (usize, usize) = (13, 5);
@@ -16,10 +16,8 @@ const FASTDEPTH_INPUT: [i64; 4] = [1, 3, 224, 224];
 pub(super) struct Outline {
     /// Names of the outputs.
     pub(super) outputs: Vec<String>,
-    /// Sides of the only input, where they are fixed.
-    input: Vec<i64>,
-    /// Convolutions as in [`FASTDEPTH`], of a network that has no matrix products, so no attention.
-    layers: Option<(usize, usize)>,
+    /// Whether it has FastDepth's input and layers, and no other input.
+    is_fastdepth: bool,
 }
 
 impl Outline {
@@ -30,20 +28,20 @@ impl Outline {
         // Older exports name their weights among the inputs.
         let is_weight = |port: &&ValueInfoProto| graph.initializer.iter().any(|w| w.name == port.name);
         let inputs: Vec<_> = graph.input.iter().filter(|port| !is_weight(port)).collect();
-        let input = match inputs.as_slice() {
-            [one] => fixed(one),
-            _ => Vec::new(),
-        };
+        let expected = FASTDEPTH_INPUT.map(|side| Some(Value::DimValue(side)));
+        let sides = |port| stated_sides(port).into_iter().flatten().map(|side| &side.value);
+        let takes_photograph = matches!(*inputs, [one] if sides(one).eq(&expected));
         let outputs = graph.output.iter().map(|port| port.name.clone()).collect();
+        // Matrix products are those of attention, which it has none of.
         let attends = graph.node.iter().any(|node| matches!(node.op_type.as_str(), "MatMul" | "Gemm"));
-        let convolutions = || graph.node.iter().filter(|node| node.op_type == "Conv");
-        let grouped = |node: &NodeProto| attribute(node, "group").is_some_and(|group| group.i > 1);
-        let depthwise = |node: &&NodeProto| kernel(node) == [3, 3] && grouped(node);
-        let layers = (!attends).then(|| {
-            let decoder = convolutions().filter(|node| kernel(node) == [5, 5]);
-            (convolutions().filter(depthwise).count(), decoder.count())
-        });
-        Ok(Self { outputs, input, layers })
+        let convolutions = |kernel: [i64; 2]| {
+            let has_kernel = move |sides: &AttributeProto| sides.ints == kernel;
+            let convolutions = graph.node.iter().filter(|node| node.op_type == "Conv");
+            convolutions.filter(move |node| attribute(node, "kernel_shape").is_some_and(has_kernel))
+        };
+        let is_grouped = |node: &&NodeProto| attribute(node, "group").is_some_and(|group| group.i > 1);
+        let layers = (convolutions([3, 3]).filter(is_grouped).count(), convolutions([5, 5]).count());
+        Ok(Self { outputs, is_fastdepth: takes_photograph && !attends && layers == FASTDEPTH })
     }
 
     /// The profile of a network that cannot be mistaken.
@@ -60,23 +58,10 @@ impl Outline {
             Some("depth-pro")
         } else if all(&["predicted_depth", "predicted_normal", "normal_confidence"]) {
             Some("metric3d-v2")
-        } else if self.input == FASTDEPTH_INPUT && self.outputs.len() == 1 && self.layers == Some(FASTDEPTH) {
+        } else if self.is_fastdepth && self.outputs.len() == 1 {
             Some("fastdepth")
         } else {
             None
         }
     }
-}
-
-/// The sides of a tensor; none where one is not fixed.
-fn fixed(port: &ValueInfoProto) -> Vec<i64> {
-    let sides = stated_sides(port).into_iter().flatten().map(|side| match side.value {
-        Some(Value::DimValue(side)) => Some(side),
-        _ => None,
-    });
-    sides.collect::<Option<_>>().unwrap_or_default()
-}
-
-fn kernel(node: &NodeProto) -> &[i64] {
-    attribute(node, "kernel_shape").map_or(&[], |sides| &sides.ints)
 }

@@ -6,33 +6,20 @@ use ndarray::{Array2, Array3, Axis, s};
 /// Pixels along an axis on which the shift is found.
 const SAMPLES: usize = 48;
 
-/// The camera of points.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Camera {
-    /// To be added to their depth.
-    pub(super) shift: f32,
-    /// In pixels of the map.
-    pub(super) focal: f64,
-}
-
 /// A map of points, `[height, width, 3]`.
 pub(super) struct Points(Array3<f32>);
 
 impl Points {
     /// From `[1, height, width, 3]` or `[1, 3, height, width]`.
     pub(super) fn new(output: Output) -> Result<Self, String> {
-        let shape = output.shape.clone();
-        let sides: Vec<usize> = match shape.as_slice() {
-            [1, rest @ ..] if rest.len() == 3 => rest.to_vec(),
-            rest => rest.to_vec(),
-        };
+        let Output { shape, values } = output;
         let wrong = || {
             format!(
                 "the output's shape is {shape:?}, not that of points; check output-name and output-channel"
             )
         };
-        let &[a, b, c] = sides.as_slice() else { return Err(wrong()) };
-        let points = Array3::from_shape_vec((a, b, c), output.values).map_err(|_| wrong())?;
+        let (&[1, a, b, c] | &[a, b, c]) = shape.as_slice() else { return Err(wrong()) };
+        let points = Array3::from_shape_vec((a, b, c), values).map_err(|_| wrong())?;
         match (a, c) {
             (_, 3) => Ok(Self(points)),
             (3, _) => Ok(Self(points.permuted_axes([1, 2, 0]))),
@@ -53,7 +40,7 @@ impl Points {
     /// focal length `f` in pixels: with `u` the pixel's place, they minimise the sum of `|f x / (z + t) - u|^2`, `f` being closed-form
     /// (MoGe, Wang et al., 2025). A golden-section search over the logarithm of `t` less its least value.
     /// Nothing where too few points are valid.
-    pub(super) fn camera(&self, mask: Option<&Array2<bool>>) -> Option<Camera> {
+    pub(super) fn camera(&self, mask: Option<&Array2<bool>>) -> Option<(f32, f64)> {
         let Self(points) = self;
         let (height, width, _) = points.dim();
         let steps = (height.div_ceil(SAMPLES), width.div_ceil(SAMPLES));
@@ -103,7 +90,7 @@ impl Points {
         }
         let best = 0.5 * (low + high);
         // Places are in halves of the diagonal.
-        Some(Camera { shift: (best.exp() - nearest) as f32, focal: 0.5 * diagonal * focal(best) })
+        Some(((best.exp() - nearest) as f32, 0.5 * diagonal * focal(best)))
     }
 }
 
@@ -129,11 +116,11 @@ mod tests {
                 let v = (2.0 * y as f32 + 1.0 - height as f32) / diagonal;
                 [u * z / f, v * z / f, z - moved][c]
             });
-            let found = Points(points).camera(None).unwrap();
-            prop_assert!((found.shift - moved).abs() < 0.01, "{found:?} {moved}");
+            let (shift, focal) = Points(points).camera(None).unwrap();
+            prop_assert!((shift - moved).abs() < 0.01, "{shift} {moved}");
             // The rays' places are in halves of the diagonal.
             let pixels = f64::from(0.5 * f * diagonal);
-            prop_assert!((found.focal / pixels - 1.0).abs() < 0.01, "{found:?} {pixels}");
+            prop_assert!((focal / pixels - 1.0).abs() < 0.01, "{focal} {pixels}");
         }
     }
 

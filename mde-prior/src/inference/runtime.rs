@@ -1,6 +1,5 @@
 //! The edge to the runtime, which panics on some graphs.
 
-use std::any::Any;
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -16,14 +15,11 @@ use crate::{Error, FileKind, Result, open};
 pub(super) fn call<T>(path: &Path, work: impl FnOnce() -> Result<T>) -> Result<T> {
     // What is shared is written whole, so it is valid after a panic.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
-        let text = shortened(&message(&*panic));
+        let text =
+            panic.downcast_ref::<&str>().copied().or(panic.downcast_ref::<String>().map(String::as_str));
+        let text = shortened(text.unwrap_or("a panic"));
         Err(Error::malformed(path, format!("the runtime cannot run this model ({text}); export it again")))
     })
-}
-
-fn message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic".to_owned())
 }
 
 /// tract's chain of errors in one line.

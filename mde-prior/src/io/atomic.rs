@@ -25,5 +25,5 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
         file.persist(path).map_err(|e| e.error)?;
         Ok(())
     };
-    write().map_err(|source| Error::write(path, source))
+    write().map_err(|source| Error::Write { path: path.to_owned(), source })
 }

@@ -100,7 +100,6 @@ impl DisparityRule {
         valid: ArrayView2<'_, bool>,
         (lo, hi): (f64, f64),
     ) -> Result<Array2<f32>> {
-        self.validate()?;
         same_size(("the disparity", disparity.dim()), ("its mask", valid.dim()))?;
         let a = 1.0 / self.near - 1.0 / self.far;
         let b = 1.0 / self.far;

@@ -109,40 +109,36 @@ fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>> {
 mod tests {
     use super::*;
 
-    fn write(folder: &Path, name: &str, text: &str) {
-        std::fs::write(folder.join(name), text).unwrap();
-    }
-
     #[test]
     fn a_hub_folder_describes_its_network() {
         let root = tempfile::tempdir().unwrap();
-        let folder = root.path();
-        let model = folder.join("onnx").join("model.onnx");
+        let model = root.path().join("onnx").join("model.onnx");
         assert_eq!(ModelSpec::of_hub(&model).unwrap(), None);
+        let of = |config: &str| {
+            std::fs::write(root.path().join("config.json"), config).unwrap();
+            ModelSpec::of_hub(&model)
+        };
         let metric =
-            r#"{"model_type": "depth_anything", "depth_estimation_type": "metric", "max_depth": 20}"#;
-        write(folder, "config.json", metric);
-        let spec = ModelSpec::of_hub(&model).unwrap().unwrap();
+            of(r#"{"model_type": "depth_anything", "depth_estimation_type": "metric", "max_depth": 20}"#);
+        let spec = metric.unwrap().unwrap();
         assert_eq!((spec.output, spec.width, spec.multiple_of), (DepthKind::Metric, 518, 14));
-        write(folder, "config.json", r#"{"model_type": "depth_anything"}"#);
-        assert_eq!(ModelSpec::of_hub(&model).unwrap().unwrap().output, DepthKind::AffineDisparity);
-        write(folder, "config.json", r#"{"model_type": "bert"}"#);
-        assert_eq!(ModelSpec::of_hub(&model).unwrap(), None);
-        write(folder, "config.json", "{");
-        assert!(ModelSpec::of_hub(&model).unwrap_err().to_string().contains("config.json"));
-        // Of another program.
-        write(folder, "config.json", r#"{"theme": "dark"}"#);
-        assert_eq!(ModelSpec::of_hub(&model).unwrap(), None);
+        let relative = of(r#"{"model_type": "depth_anything"}"#).unwrap().unwrap();
+        assert_eq!(relative.output, DepthKind::AffineDisparity);
+        // The second is of another program.
+        for config in [r#"{"model_type": "glpn", "max_depth": 10}"#, r#"{"theme": "dark"}"#] {
+            assert_eq!(of(config).unwrap(), None);
+        }
+        assert!(of("{").unwrap_err().to_string().contains("config.json"));
     }
 
     /// Files with the keys of published ones: Intel/dpt-large, depth-anything/Depth-Anything-V2-Small-hf, Intel/zoedepth-nyu-kitti,
-    /// apple/DepthPro-hf, vinvino02/glpn-nyu.
+    /// apple/DepthPro-hf.
     #[test]
     fn the_files_of_published_networks_are_read() {
         let of = |config: &str, preprocessor: &str| {
             let folder = tempfile::tempdir().unwrap();
-            write(folder.path(), "config.json", config);
-            write(folder.path(), "preprocessor_config.json", preprocessor);
+            std::fs::write(folder.path().join("config.json"), config).unwrap();
+            std::fs::write(folder.path().join("preprocessor_config.json"), preprocessor).unwrap();
             ModelSpec::of_hub(folder.path().join("model.onnx"))
         };
         let dpt = of(
@@ -183,11 +179,6 @@ mod tests {
                 "size": {"height": 1536, "width": 1536}}"#,
         );
         assert_eq!(pro.unwrap(), Some(ModelSpec::profile("depth-pro").unwrap()));
-        let glpn = of(
-            r#"{"architectures": ["GLPNForDepthEstimation"], "model_type": "glpn", "max_depth": 10}"#,
-            r#"{"do_rescale": true, "do_resize": true, "feature_extractor_type": "GLPNFeatureExtractor", "resample": 2, "size_divisor": 32}"#,
-        );
-        assert_eq!(glpn.unwrap(), None);
         let error = of(r#"{"model_type": "dpt"}"#, r#"{"size": {"shortest_edge": 384}}"#).unwrap_err();
         let error = error.to_string();
         let reason = "preprocessor_config.json: size is neither a number nor height and width";

@@ -1,45 +1,33 @@
 use crate::scene::stage::{Stage, Stand, enamel, metal};
 use crate::scene::texture::Material;
 
-/// Size and surfaces of a room: x from -width/2 to width/2, y from `front` (behind the camera) to `depth`.
-pub(crate) struct Shell {
-    pub(crate) width: f64,
-    pub(crate) front: f64,
-    pub(crate) depth: f64,
-    pub(crate) height: f64,
-    pub(crate) floor: Material,
-    pub(crate) walls: Material,
-    pub(crate) back: Material,
-    pub(crate) ceiling: Material,
-}
-
-const THICKNESS: f64 = 0.1;
-
-impl Shell {
-    pub(crate) fn build(self, stage: &mut Stage) {
-        let (length, middle) = (self.depth - self.front, 0.5 * (self.depth + self.front));
-        let (wide, long) = (self.width + 2.0 * THICKNESS, length + 2.0 * THICKNESS);
-        let (half, outer) = (0.5 * THICKNESS, 0.5 * (self.width + THICKNESS));
-        let origin = Stand::at(0.0, 0.0, 0.0);
-        stage.block(&origin, [0.0, middle, -half], [wide, long, THICKNESS], self.floor.shadowless());
-        let ceiling = self.ceiling.shadowless();
-        stage.block(&origin, [0.0, middle, self.height + half], [wide, long, THICKNESS], ceiling);
-        for (x, y, size, material) in [
-            (-outer, middle, [THICKNESS, long], self.walls),
-            (outer, middle, [THICKNESS, long], self.walls),
-            (0.0, self.front - half, [wide, THICKNESS], self.walls),
-            (0.0, self.depth + half, [wide, THICKNESS], self.back),
-        ] {
-            let size = [size[0], size[1], self.height];
-            stage.block(&origin, [x, y, 0.5 * self.height], size, material.shadowless());
-        }
-        let skirting = enamel(0.88, 0.87, 0.84);
-        for side in [-1.0, 1.0] {
-            let x = side * (0.5 * self.width - 0.008);
-            stage.block(&origin, [x, middle, 0.045], [0.016, length, 0.09], skirting);
-        }
-        stage.block(&origin, [0.0, self.depth - 0.008, 0.045], [self.width, 0.016, 0.09], skirting);
+/// Floor, walls and ceiling of a room: x from -width/2 to width/2, y from `front` (behind the camera) to `depth`.
+pub(crate) fn shell(
+    stage: &mut Stage,
+    [width, front, depth, height]: [f64; 4],
+    [floor, walls, back, ceiling]: [Material; 4],
+) {
+    const THICKNESS: f64 = 0.1;
+    let (length, middle) = (depth - front, 0.5 * (depth + front));
+    let (wide, long) = (width + 2.0 * THICKNESS, length + 2.0 * THICKNESS);
+    let (half, outer) = (0.5 * THICKNESS, 0.5 * (width + THICKNESS));
+    let origin = Stand::at(0.0, 0.0, 0.0);
+    stage.block(&origin, [0.0, middle, -half], [wide, long, THICKNESS], floor.shadowless());
+    stage.block(&origin, [0.0, middle, height + half], [wide, long, THICKNESS], ceiling.shadowless());
+    for (x, y, size, material) in [
+        (-outer, middle, [THICKNESS, long], walls),
+        (outer, middle, [THICKNESS, long], walls),
+        (0.0, front - half, [wide, THICKNESS], walls),
+        (0.0, depth + half, [wide, THICKNESS], back),
+    ] {
+        stage.block(&origin, [x, y, 0.5 * height], [size[0], size[1], height], material.shadowless());
     }
+    let skirting = enamel(0.88, 0.87, 0.84);
+    for side in [-1.0, 1.0] {
+        let x = side * (0.5 * width - 0.008);
+        stage.block(&origin, [x, middle, 0.045], [0.016, length, 0.09], skirting);
+    }
+    stage.block(&origin, [0.0, depth - 0.008, 0.045], [width, 0.016, 0.09], skirting);
 }
 
 /// A panelled door with its frame and handle; the wall is the plane y = 0 of the stand.

@@ -8,7 +8,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
         Material::new(Texture::Planks([rgb(0.62, 0.46, 0.32), rgb(0.40, 0.27, 0.17)], 0.11)).gloss(0.08);
     let back = Material::new(Texture::Stripes([paper, paper * 0.82], 0.14));
     let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94)));
-    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
+    shell(s, [width, -0.4, depth, height], [floor, walls, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let x = s.between(-0.35, -0.05);
     let (first, second) = (s.about([0.30, 0.40, 0.52], 0.12), s.about([0.80, 0.76, 0.68], 0.05));

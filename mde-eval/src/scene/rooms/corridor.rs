@@ -8,7 +8,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
     let floor = Material::new(Texture::Tiles(tiles, 0.25)).gloss(0.2);
     let back = Material::new(Texture::Bricks([brick, rgb(0.72, 0.69, 0.64)]));
     let ceiling = Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92)));
-    Shell { width, front: -0.5, depth, height, floor, walls, back, ceiling }.build(s);
+    shell(s, [width, -0.5, depth, height], [floor, walls, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let half = 0.5 * width;
     let paint = Material::new(Texture::Plain(s.about([0.42, 0.50, 0.52], 0.12))).gloss(0.15);

@@ -10,7 +10,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
     let back =
         Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15)).gloss(0.2);
     let ceiling = Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94)));
-    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
+    shell(s, [width, -0.4, depth, height], [floor, walls, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let front = Material::new(Texture::Plain(s.about([0.34, 0.46, 0.46], 0.14))).gloss(0.15);
     counter(s, depth, front, grain);

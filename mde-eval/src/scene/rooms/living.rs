@@ -7,7 +7,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
     let floor =
         Material::new(Texture::Planks([rgb(0.80, 0.68, 0.52), rgb(0.60, 0.46, 0.32)], 0.16)).gloss(0.1);
     let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93)));
-    Shell { width, front: -0.4, depth, height: 2.7, floor, walls, back, ceiling }.build(s);
+    shell(s, [width, -0.4, depth, 2.7], [floor, walls, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let colour = s.about([0.36, 0.40, 0.44], 0.12);
     let x = s.between(-0.45, -0.2);

@@ -8,7 +8,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
     let back = Material::new(Texture::Plaster(s.about([0.72, 0.76, 0.80], 0.05)));
     let panels = [rgb(0.92, 0.92, 0.91), rgb(0.90, 0.90, 0.90), rgb(0.7, 0.7, 0.7)];
     let ceiling = Material::new(Texture::Tiles(panels, 0.6));
-    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
+    shell(s, [width, -0.4, depth, height], [floor, walls, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let (steel, board) = (metal(0.35), oak(grain));
     let top = Top { width: 1.5, depth: 0.75, height: 0.73, thickness: 0.025, leg: 0.02 };

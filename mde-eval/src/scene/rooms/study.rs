@@ -8,7 +8,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
         Material::new(Texture::Planks([rgb(0.72, 0.54, 0.36), rgb(0.48, 0.32, 0.19)], 0.13)).gloss(0.1);
     let back = Material::new(Texture::Stripes([wall, wall * 0.86], 0.09));
     let ceiling = Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.93)));
-    Shell { width, front: -0.4, depth, height: 2.6, floor, walls: plaster, back, ceiling }.build(s);
+    shell(s, [width, -0.4, depth, 2.6], [floor, plaster, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let shift = s.between(-0.15, 0.15);
     // The desk by the back wall, with its chair pulled out.

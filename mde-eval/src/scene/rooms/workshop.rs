@@ -7,7 +7,7 @@ pub(super) fn furnish(s: &mut Stage) -> Setting {
     let walls = Material::new(Texture::Plaster(rgb(0.80, 0.78, 0.72)));
     let back = Material::new(Texture::Bricks([brick, rgb(0.72, 0.70, 0.66)]));
     let ceiling = Material::new(Texture::Planks([rgb(0.78, 0.66, 0.5), rgb(0.6, 0.47, 0.33)], 0.14));
-    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
+    shell(s, [width, -0.4, depth, height], [floor, walls, back, ceiling]);
     let grain = s.between(0.0, 5.0);
     let beech = wood([0.80, 0.64, 0.46], [0.62, 0.45, 0.28], grain);
     let bench = Stand::at(-0.5 + s.between(-0.15, 0.15), depth - 0.4, 0.0);
