@@ -187,14 +187,16 @@ mod tests {
         let sorted = [1.0, 2.0, 4.0, 8.0];
         for (p, expected) in [(0.0, 1.0), (0.25, 1.75), (0.5, 3.0), (0.9, 6.8), (1.0, 8.0)] {
             assert!((quantile_sorted(&sorted, p).unwrap() - expected).abs() < 1e-12);
+            assert!((quantile(&mut [8.0, 1.0, 4.0, 2.0], p).unwrap() - expected).abs() < 1e-12);
         }
         assert_eq!(quantile_sorted(&[5.0_f32, 5.5], 7.0), Some(5.5));
         assert_eq!(quantile_sorted::<f64>(&[], 0.5), None);
     }
 
     #[test]
-    fn medians_of_even_and_empty_lists() {
+    fn medians_of_odd_even_and_empty_lists() {
         assert_eq!(median::<f32>([]), None);
+        assert_eq!(median([3.0_f32, 1.0, 2.0]), Some(2.0));
         assert_eq!(median([4.0, 1.0, 3.0, 2.0]), Some(2.5));
         assert_eq!(median([f32::MAX, f32::MAX]), Some(f64::from(f32::MAX)));
         assert_eq!(median([f64::INFINITY; 2]), Some(f64::INFINITY));

@@ -205,6 +205,8 @@ pub(crate) fn send(child: &Child, signal: &str) {
 
 /// The data of a report, which loads nothing: the only address in it is the name of the SVG namespace.
 pub(crate) fn report_data(html: &str) -> Value {
+    assert!(html.contains("default-src 'none'"));
+    assert_eq!(html.matches("<script").count(), 2);
     assert_eq!(html.matches("://").count(), html.matches("http://www.w3.org/2000/svg").count());
     assert!(!html.contains("<link") && !html.contains("@import") && !html.contains("{{"));
     let start = html.find("id=\"data\">").unwrap() + "id=\"data\">".len();

@@ -137,6 +137,7 @@ fn neighbours(labels: &Labels) -> Vec<(u32, u32)> {
     pairs.dedup();
     pairs
 }
+
 /// Mean value, row and column of each segment.
 fn segment_means(map: Map<'_>, labels: &Labels, count: usize) -> Vec<Option<[f32; 3]>> {
     let mut sums = vec![[0.0_f64; 4]; count];
