@@ -4,9 +4,10 @@ use crate::poses::nearest;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use super::tum::{lines, stamped};
 use super::{
-    Lens, PixelCentres, PosedCapture, Result, content, fault, missing, read_colmap, read_transforms,
-    read_tum, read_tum_list,
+    Lens, PixelCentres, PosedCapture, Result, content, fault, missing, read_colmap, read_text,
+    read_transforms, read_tum,
 };
 
 /// The files of a capture.
@@ -46,13 +47,14 @@ impl CaptureFiles {
     /// The first photograph of files without intrinsics.
     ///
     /// # Errors
-    /// Those of [`read_tum_list`], and [`Error::Content`](super::Error::Content) where it has none.
+    /// One line that names the list and the line: it cannot be read, has no photograph, or a time that is no number.
     pub fn first_photograph(&self) -> Result<Option<PathBuf>> {
         let Self::Tum(folder) = self else { return Ok(None) };
         let list = folder.join("rgb.txt");
-        let first = read_tum_list(&list)?.into_iter().next();
+        let text = read_text(&list)?;
         let none = || fault(&list, "no photograph; at least 2 with poses are needed");
-        first.map(|(_, path)| Some(path)).ok_or_else(none)
+        let (_, name) = stamped(&list, lines(&text).next().ok_or_else(none)?)?;
+        Ok(Some(folder.join(name)))
     }
 
     /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers. Pixel centres of a `transforms.json` are at

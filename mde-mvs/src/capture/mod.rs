@@ -42,7 +42,7 @@ pub use known::{KnownDepth, read_known_depths};
 pub use lens::{Distortion, Lens};
 pub use paths::relative_path;
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
-pub use tum::{read_tum, read_tum_list};
+pub use tum::read_tum;
 pub use workspace::{COLMAP_FUSION, colmap_view, colmap_workspace};
 
 /// From pixel centres at integers to those at halves.

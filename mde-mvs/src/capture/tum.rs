@@ -26,17 +26,8 @@ pub fn read_tum(
     parse(&rgb, &read_text(&rgb)?, &poses, &read_text(&poses)?, lens, size)
 }
 
-/// Reads a list of the TUM RGB-D benchmark, `rgb.txt` or `depth.txt`: the time in seconds and the path of each file.
-///
-/// # Errors
-/// One line that names the file and the line: a time that is no finite number, a name that is missing.
-pub fn read_tum_list(path: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    let (text, folder) = (read_text(path)?, path.parent().unwrap_or(Path::new("")));
-    lines(&text).map(|line| stamped(path, line).map(|(time, name)| (time, folder.join(name)))).collect()
-}
-
 /// The time and the file of a line.
-fn stamped<'t>(path: &Path, (line, text): (usize, &'t str)) -> Result<(f64, &'t str)> {
+pub(super) fn stamped<'t>(path: &Path, (line, text): (usize, &'t str)) -> Result<(f64, &'t str)> {
     let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     let time = number(path, line, Some(time), "time")?;
     match name.trim() {

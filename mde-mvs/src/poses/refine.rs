@@ -316,7 +316,12 @@ impl Capture<'_, '_> {
         };
         let shared = shared_error_factor(bundle.tracks.len() / windows.len());
         let noise = shared * bundle.noise().max(LEAST_NOISE);
-        let covariances = bundle.covariances_of_windows(&windows, noise);
+        // Of each window with the other poses kept.
+        let mut covariances = vec![None; bundle.cameras.poses.len()];
+        for window in &windows {
+            let found = bundle.window(window).0.covariances(noise);
+            window.iter().for_each(|&v| covariances[v] = found[v]);
+        }
         Adjusted { bundle, covariances, accepted: share.is_some(), withheld }
     }
 }
@@ -351,16 +356,6 @@ impl Bundle {
         let mut cameras = self.cameras.clone();
         cameras.fixed.iter_mut().enumerate().for_each(|(v, fixed)| *fixed |= !window.contains(&v));
         (Self { cameras, tracks }, own)
-    }
-
-    /// [`covariances`](Self::covariances) of each window with the other poses kept.
-    fn covariances_of_windows(&self, windows: &[Vec<usize>], noise: f64) -> Vec<Option<Matrix6<f64>>> {
-        let mut all = vec![None; self.cameras.poses.len()];
-        for window in windows {
-            let found = self.window(window).0.covariances(noise);
-            window.iter().for_each(|&v| all[v] = found[v]);
-        }
-        all
     }
 }
 

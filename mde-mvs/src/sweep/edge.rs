@@ -2,12 +2,15 @@
 //!
 //! A window that reaches over an occlusion edge has the depth of the surface with more contrast, mostly the foreground's. Near a jump of
 //! the depth that was found first, the window within reach whose colours are most like the pixel's takes its place, with its costs at the
-//! same depth.
+//! same depth. [`own_contrast`] tells such a depth from one that the pixel's surface gives itself.
 
 use mde_warp::PosedView;
+use ndarray::Array2;
 use rayon::prelude::*;
 
-use super::cost::{RADIUS, Volume, WORST};
+use super::cost::{NOISE, RADIUS, Volume, WORST};
+use super::patches;
+use crate::raster::luma;
 
 /// Difference of log depth between neighbours that is an edge.
 const JUMP: f32 = 0.05;
@@ -34,7 +37,25 @@ pub(super) fn colour(view: &PosedView, y: usize, x: usize) -> [f32; 3] {
     std::array::from_fn(|channel| view.image[(y, x, channel)])
 }
 
-/// The windows to be moved, by the logarithms of the depth, NaN where unknown, row after row.
+/// Share of the contrast that a match at each pixel has from its own surface, 0 to 1: \\( v / (v + 4 \\nu^2) \\), of the variance
+/// \\( v \\) of the luma of those in its window that have its colour, and the noise \\( \\nu \\).
+pub(super) fn own_contrast(view: &PosedView) -> Array2<f32> {
+    let luma = luma(view.image.view());
+    let (height, width) = luma.dim();
+    let around = |at: usize, most: usize| at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(most);
+    Array2::from_shape_fn(luma.dim(), |(y, x)| {
+        let here = colour(view, y, x);
+        let window = around(y, height).flat_map(|row| around(x, width).map(move |column| (row, column)));
+        let [weight, sum, squares] = window.fold([0.0; 3], |[weight, sum, squares], at| {
+            let (like, luma) = (alike(here, colour(view, at.0, at.1), patches::COLOUR), luma[at]);
+            [weight + like, sum + like * luma, squares + like * luma * luma]
+        });
+        let variance = (squares / weight - (sum / weight).powi(2)).max(0.0);
+        variance / (variance + 4.0 * NOISE * NOISE)
+    })
+}
+
+/// The windows to be moved, by the logarithms of the depth, row after row.
 pub(super) fn moved(view: &PosedView, log_depth: &[f32]) -> Vec<Moved> {
     let (height, width) = view.camera.dim();
     let near = near_edges(log_depth, width);
@@ -123,7 +144,18 @@ pub(super) fn take(volume: &mut Volume, moved: &[Moved], centre: &[f32], multipl
 mod tests {
     use super::*;
     use crate::synthetic::{Plane, scene};
-    use ndarray::Array2;
+
+    /// Stripes to the left of a plain surface, also of the windows that reach over both.
+    #[test]
+    fn a_plain_surface_has_no_contrast_of_its_own() {
+        let (mut views, _) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (20, 30), &[[0.0; 3]]);
+        for ((_, x, _), value) in views[0].image.indexed_iter_mut() {
+            *value = if x < 15 { 0.2 + 0.06 * (x % 2) as f32 } else { 0.7 };
+        }
+        for ((_, x), own) in own_contrast(&views[0]).indexed_iter() {
+            assert!(if x < 15 { *own > 0.5 } else { *own < 1e-3 }, "{x} {own}");
+        }
+    }
 
     /// Beside a step of depth and colour, windows keep to the side of their pixel; away from it none moves.
     #[test]

@@ -153,9 +153,7 @@ pub fn sweep(
     };
     if !logarithmic {
         // The last surface of the least multiple may be at infinity, but no pixel's is.
-        let log = |(found, centre): (&Option<Estimate>, &f32)| {
-            found.map_or(f32::NAN, |found| -(centre * multiple(found.surface).0).ln())
-        };
+        let log = |(found, centre): (&Estimate, &f32)| -(centre * multiple(found.surface).0).ln();
         let logs: Vec<f32> = found.iter().zip(&centre).map(log).collect();
         let moved = edge::moved(from, &logs);
         if !moved.is_empty() {
@@ -168,7 +166,7 @@ pub fn sweep(
         if !(volume.seen[position] && from.mask[position]) {
             return None;
         }
-        let found = found[pixel]?;
+        let found = found[pixel];
         let (multiple, gap) = multiple(found.surface);
         let z = 1.0 / (centre[pixel] * multiple);
         let variance = z * z * found.variance * (gap / multiple).powi(2);
@@ -188,13 +186,13 @@ pub fn sweep(
 }
 
 /// The valley of every pixel's aggregated costs.
-fn estimates(volume: &Volume, from: &PosedView, small: f32) -> Vec<Option<Estimate>> {
+fn estimates(volume: &Volume, from: &PosedView, small: f32) -> Vec<Estimate> {
     let (width, surfaces) = (from.camera.width, volume.surfaces);
     let grey: Vec<f32> = luma(from.image.view()).iter().copied().collect();
     let units = |cost: f32| (cost * WORST).round() as u16;
     let penalties = Penalties { small: units(small), large: units(LARGE_PENALTY), edge: EDGE };
     let sums = aggregate(volume, &grey, width, &penalties);
-    let mut found = vec![None; grey.len()];
+    let mut found = vec![Estimate::default(); grey.len()];
     let arch = Arch::new();
     found.par_chunks_mut(width).zip(sums.par_chunks(width * surfaces)).for_each_init(
         || vec![0.0; surfaces],

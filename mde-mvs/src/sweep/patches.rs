@@ -13,6 +13,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 use std::array::from_fn;
 
+use super::cost::NOISE;
 use super::edge::{alike, colour};
 use crate::raster::luma;
 use crate::{Error, Result, check_map};
@@ -24,10 +25,8 @@ const STEP: usize = 2;
 const SAMPLES: usize = (2 * RADIUS / STEP + 1) * (2 * RADIUS / STEP + 1);
 const LANES: usize = 4;
 /// Standard deviation of the weight of a sample by colour (sRGB), and by distance in pixels.
-const COLOUR: f32 = 0.1;
+pub(super) const COLOUR: f32 = 0.1;
 const DISTANCE: f32 = 0.75 * RADIUS as f32;
-/// Standard deviation of the noise of a pixel, sRGB.
-const NOISE: f32 = 2.0 / 255.0;
 /// Photographs that a patch is compared with at most.
 const SOURCES: usize = 8;
 

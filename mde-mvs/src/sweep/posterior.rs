@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 /// Estimate from the costs of one pixel.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Estimate {
     /// Index of the surface, with a fraction.
     pub(crate) surface: f32,
@@ -37,9 +37,9 @@ fn decay(x: f32) -> f32 {
 /// The valley of the lowest cost reaches to either side until the costs begin to fall again for good: to the first
 /// surface from which the weight rises above twice the least weight so far. `weights` has a place for each surface.
 #[inline(always)]
-pub(crate) fn estimate(costs: &[u16], temperature: f32, weights: &mut [f32]) -> Option<Estimate> {
+pub(crate) fn estimate(costs: &[u16], temperature: f32, weights: &mut [f32]) -> Estimate {
     let lowest = costs.iter().fold(u16::MAX, |least, &c| least.min(c));
-    let best = costs.iter().position(|&c| c == lowest)?;
+    let best = costs.iter().position(|&c| c == lowest).unwrap_or(0);
     let per_cost = temperature.recip();
     let weights = &mut weights[..costs.len()];
     for (weight, &cost) in weights.iter_mut().zip(costs) {
@@ -77,7 +77,7 @@ pub(crate) fn estimate(costs: &[u16], temperature: f32, weights: &mut [f32]) -> 
     side(&mut (0..best).rev());
     side(&mut (best + 1..costs.len()));
     // A surface stands for all depths up to half way to its neighbours.
-    Some(Estimate { surface, variance: spread / mass + 1.0 / 12.0, mass: (mass / total).min(1.0) })
+    Estimate { surface, variance: spread / mass + 1.0 / 12.0, mass: (mass / total).min(1.0) }
 }
 
 /// [`estimate`] of each pixel of a row of costs `[pixel, surface]`.
@@ -86,7 +86,7 @@ pub(crate) struct EstimateRow<'a> {
     pub(crate) surfaces: usize,
     pub(crate) temperature: f32,
     pub(crate) weights: &'a mut [f32],
-    pub(crate) found: &'a mut [Option<Estimate>],
+    pub(crate) found: &'a mut [Estimate],
 }
 
 impl WithSimd for EstimateRow<'_> {
@@ -117,7 +117,7 @@ mod tests {
         #[test]
         fn a_valley_is_found_between_surfaces(at in 3.0..28.0_f32, depth in 4.0..40.0_f32) {
             let costs: Vec<u16> = (0..32).map(|k| (100.0 + depth * (k as f32 - at).powi(2)).round() as u16).collect();
-            let found = estimate(&costs, 20.0, &mut [0.0; 32]).unwrap();
+            let found = estimate(&costs, 20.0, &mut [0.0; 32]);
             prop_assert!((found.surface - at).abs() < 0.15);
             prop_assert!(found.mass > 0.99);
         }
@@ -127,13 +127,8 @@ mod tests {
         fn two_valleys_are_ambiguous(a in 3..10_usize, gap in 8..15_usize) {
             let valley = |k: usize, at: usize| 40 * k.abs_diff(at).pow(2).min(20) as u16;
             let costs: Vec<u16> = (0..32).map(|k| valley(k, a).min(valley(k, a + gap))).collect();
-            let found = estimate(&costs, 20.0, &mut [0.0; 32]).unwrap();
+            let found = estimate(&costs, 20.0, &mut [0.0; 32]);
             prop_assert!((found.mass - 0.5).abs() < 0.05, "{:?}", found);
         }
-    }
-
-    #[test]
-    fn nothing_of_nothing() {
-        assert_eq!(estimate(&[], 1.0, &mut []), None);
     }
 }

@@ -14,6 +14,7 @@ use crate::raster::luma;
 use crate::statistics::robust_deviation;
 use crate::sweep::Sweep;
 use crate::sweep::correction::correct;
+use crate::sweep::edge::own_contrast;
 
 /// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
 /// both are fused by precision, the sweep being right with a probability only.
@@ -59,8 +60,12 @@ pub(super) fn fuse(
         if r.is_finite() { r } else { 0.0 }
     });
     let known = |y, x| sweep.depth.get(y, x).filter(|(z, _)| *z > 0.0 && log_prior[(y, x)].is_finite());
-    let trusted = |c: f32| if c > TRUSTED { c } else { 0.0 };
-    let weight = Array2::from_shape_fn(shape, |(y, x)| known(y, x).map_or(0.0, |_| trusted(chance[(y, x)])));
+    // A plain surface beside another has that one's depth, in all photographs alike.
+    let own = own_contrast(view);
+    let weight = Array2::from_shape_fn(shape, |at| {
+        let trusted = chance[at] > TRUSTED && known(at.0, at.1).is_some();
+        if trusted { chance[at] * own[at] } else { 0.0 }
+    });
     let matched = residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0);
     let spread = robust_deviation(matched.map(|(r, _)| f64::from(*r)));
     let spread = spread.unwrap_or(0.2).clamp(0.02, 1.0) as f32;
@@ -162,11 +167,11 @@ mod tests {
         let chance = seen.mapv(|seen| if seen { 0.95 } else { 0.0 });
         let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
         let relative = |fused: &Fused, x: usize| fused.depth.get(30, x).map(|(z, v)| v.sqrt() / z).unwrap();
-        assert!(relative(&fused, 4) < 0.08, "{}: the test has no effect", relative(&fused, 4));
+        assert!(relative(&fused, 7) < 0.08, "{}: the test has no effect", relative(&fused, 7));
         let inside = fused.depth.get(30, 60);
         let found = fused.without_unseen(&seen, &prior).unwrap();
-        assert!((relative(&found, 4) - 0.1).abs() < 1e-4, "{}", relative(&found, 4));
-        assert!((found.depth.mean()[(30, 4)] - found.corrected[(30, 4)]).abs() < 1e-6);
+        assert!((relative(&found, 7) - 0.1).abs() < 1e-4, "{}", relative(&found, 7));
+        assert!((found.depth.mean()[(30, 7)] - found.corrected[(30, 7)]).abs() < 1e-6);
         assert_eq!(found.depth.get(30, 60), inside);
     }
 }
