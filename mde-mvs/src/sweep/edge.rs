@@ -37,8 +37,8 @@ pub(super) fn colour(view: &PosedView, y: usize, x: usize) -> [f32; 3] {
     std::array::from_fn(|channel| view.image[(y, x, channel)])
 }
 
-/// Share of the contrast that a match at each pixel has from its own surface, 0 to 1: \\( v / (v + 4 \\nu^2) \\), of the variance
-/// \\( v \\) of the luma of those in its window that have its colour, and the noise \\( \\nu \\).
+/// Share of the contrast that a match at each pixel has from its own surface, 0 to 1: \\( v / (v + 4 \nu^2) \\), of the variance
+/// \\( v \\) of the luma of those in its window that have its colour, and the noise \\( \nu \\).
 pub(super) fn own_contrast(view: &PosedView) -> Array2<f32> {
     let luma = luma(view.image.view());
     let (height, width) = luma.dim();
