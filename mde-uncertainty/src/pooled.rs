@@ -92,6 +92,16 @@ pub fn normal_half_width(p: f64) -> Result<f64> {
     Ok(central_half_width(p))
 }
 
+/// The same with the tails of Student's t of two degrees of freedom, as wide as the normal one at .9: \\( q_p = c\\,p / \\sqrt{1 - p^2} \\).
+///
+/// # Errors
+/// As [`PooledIntervals::half_width`].
+pub fn heavy_half_width(p: f64) -> Result<f64> {
+    let shape = |p: f64| p / (1.0 - p * p).sqrt();
+    check(p)?;
+    Ok(normal_half_width(0.9)? * shape(p) / shape(0.9))
+}
+
 /// For each scene, the share of its pixels inside the interval of probability `p` of all *other* scenes; `None` for fewer than
 /// two scenes.
 ///
@@ -167,6 +177,19 @@ mod tests {
             assert!((table.factor(p).unwrap() - 1.0).abs() < 1e-3, "{p}: {}", table.factor(p).unwrap());
         }
         assert!((normal_half_width(0.9).unwrap() - 1.644_853_627).abs() < 1e-6);
+    }
+
+    /// A normal error over the root of an exponential one has those tails; 90 % of such errors are less than 2.92.
+    #[test]
+    fn heavy_intervals_hold_their_share_of_such_errors() {
+        let middles = || (0..200).map(|k| (f64::from(k) + 0.5) / 200.0);
+        let ratios = middles().flat_map(|u| middles().map(move |v| central_half_width(u) / (-v.ln()).sqrt()));
+        let errors: Vec<f64> = ratios.collect();
+        for p in [0.3, 0.5, 0.9, 0.98] {
+            let width = 2.919_986 * heavy_half_width(p).unwrap() / normal_half_width(0.9).unwrap();
+            let held = errors.iter().filter(|error| **error < width).count() as f64 / errors.len() as f64;
+            assert!((held - p).abs() < 2e-3, "{held} for {p}");
+        }
     }
 
     #[test]

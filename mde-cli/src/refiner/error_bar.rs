@@ -7,7 +7,7 @@ use crate::refiner::calibration::{fingerprint, read, shipped};
 use crate::reports::Refinement;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::calibration::{Calibration, Mismatch};
-use mde_uncertainty::pooled::normal_half_width;
+use mde_uncertainty::pooled::{heavy_half_width, normal_half_width};
 use ndarray::{Array2, Zip};
 use serde::Serialize;
 use std::path::Path;
@@ -149,6 +149,7 @@ impl ErrorBar {
         let Some(probability) = self.probability else { return Ok(stated) };
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
+            None if several => (heavy_half_width(probability)?, "tails of several photographs".to_owned()),
             None => {
                 let of =
                     if mismatch == Some(Mismatch::Model) { "this depth model" } else { "these settings" };

@@ -9,7 +9,7 @@ use mde_eval::capture::Capture;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_prior::augment::Predictions;
 use mde_prior::{DepthKind, DepthPrior, InferenceMemory, ModelSpec, PriorDepth};
-use mde_uncertainty::pooled::normal_half_width;
+use mde_uncertainty::pooled::heavy_half_width;
 use ndarray::{ArcArray, Array2, ArrayView3, Ix3};
 use std::ops::ControlFlow;
 
@@ -109,7 +109,7 @@ fn several_photographs_have_neither_the_intervals_nor_the_scale_of_one() {
     let room = room();
     // A constant: against the exact depth the photographs would be refused.
     let prior = network(None, 0, |origin| origin.model_hash = Some("029a5197".to_owned()));
-    let error_bar = crate::refiner::error_bar::ErrorBar::open(Some(0.9), None).unwrap();
+    let error_bar = crate::refiner::error_bar::ErrorBar::open(Some(0.5), None).unwrap();
     let settings = Settings { error_bar, ..settings() };
     let refiner = Refiner::new(&prior, settings).unwrap();
     let several = Scene::several(photographs(&room, true), 0).unwrap();
@@ -117,7 +117,7 @@ fn several_photographs_have_neither_the_intervals_nor_the_scale_of_one() {
     let capture = found.refinement.capture.as_ref().unwrap();
     assert!(capture.fallback.is_none(), "{capture:?}");
     let half_width = found.stated.interval.unwrap().half_width;
-    assert_eq!((half_width, found.stated.scale.is_some()), (normal_half_width(0.9).unwrap(), false));
+    assert_eq!((half_width, found.stated.scale.is_some()), (heavy_half_width(0.5).unwrap(), false));
 }
 
 #[test]
