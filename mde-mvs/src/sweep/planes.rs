@@ -14,13 +14,14 @@ use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
 
+use super::cost::NOISE;
 use super::edge::colour;
 use crate::raster::recursive_filter;
 use crate::{Result, check_map};
 
 /// Reach along a surface of one colour, as a share of the longer side.
 const REACH: f64 = 0.2;
-/// Sum of the differences of sRGB along a way that is as long as the reach.
+/// Sum of the differences of sRGB beyond noise along a way that is as long as the reach.
 const COLOUR: f64 = 0.1;
 /// Relative deviation that is added to each pixel's, which bounds the weight of a single one.
 const LEAST: f64 = 0.01;
@@ -82,12 +83,15 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     Ok(GaussianDepth::new(mean, variance)?)
 }
 
-/// Length of the way to each pixel from the one before it, `[dy, dx]` away.
+/// Length of the way to each pixel from the one before it, `[dy, dx]` away. Differences count beyond the noise of both pixels, which all those
+/// of a plain surface would add up.
 fn steps(view: &PosedView, reach: f64, [dy, dx]: [usize; 2]) -> Array2<f64> {
     Array2::from_shape_fn(view.camera.dim(), |(y, x)| {
         let (here, from) = (colour(view, y, x), colour(view, y.saturating_sub(dy), x.saturating_sub(dx)));
-        let differences = here.iter().zip(from).map(|(here, from)| f64::from((here - from).abs()));
-        1.0 + reach / COLOUR * differences.sum::<f64>()
+        let beyond_noise =
+            |(here, from): (&f32, f32)| ((here - from).abs() - std::f32::consts::SQRT_2 * NOISE).max(0.0);
+        let differences = here.iter().zip(from).map(beyond_noise);
+        1.0 + reach / COLOUR * f64::from(differences.sum::<f32>())
     })
 }
 
@@ -143,7 +147,7 @@ mod tests {
         }
     }
 
-    /// A spot of a slanted wall with a wrong depth and a large sigma comes back to the wall; its sigma shrinks.
+    /// A spot of a slanted wall with a wrong depth and a large sigma comes back to the wall; its sigma shrinks, and noise changes nothing.
     #[test]
     fn a_doubtful_spot_returns_to_its_plane() {
         let plane = |y: usize, x: usize| (0.5 + 0.002 * x as f32 + 0.001 * y as f32).recip();
@@ -151,6 +155,7 @@ mod tests {
         let depth = |y, x| plane(y, x) * if spot(y, x) { 1.4 } else { 1.0 };
         let known = map(depth, |y, x| if spot(y, x) { 0.3 } else { 0.01 });
         let found = with_planes(&wall(|_| 0.5), &known).unwrap();
+        assert_eq!(with_planes(&wall(|x| 0.5 + 0.01 * (x % 2) as f32), &known).unwrap(), found);
         let (z, v) = found.get(30, 40).unwrap();
         assert!((z / plane(30, 40) - 1.0).abs() < 0.06, "{z} {}", plane(30, 40));
         assert!(v.sqrt() / z < 0.15, "{}", v.sqrt() / z);
