@@ -149,7 +149,7 @@ impl ErrorBar {
         let Some(probability) = self.probability else { return Ok(stated) };
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
-            None if several => (heavy_half_width(probability)?, "tails of several photographs".to_owned()),
+            None if several => (heavy_half_width(probability)?, "Student's t of two degrees".to_owned()),
             None => {
                 let of =
                     if mismatch == Some(Mismatch::Model) { "this depth model" } else { "these settings" };
