@@ -93,7 +93,7 @@ pub fn normal_half_width(p: f64) -> Result<f64> {
 }
 
 /// Half the width, in sigmas, of the central interval of probability `p` of errors with the tails of Student's t of two degrees of freedom,
-/// as wide as the normal one at .9: \\( q_p = c\\,p / \\sqrt{1 - p^2} \\).
+/// as wide as the normal one at .9: \\( q_p = c p / \sqrt{1 - p^2} \\).
 ///
 /// # Errors
 /// As [`PooledIntervals::half_width`].
