@@ -83,8 +83,8 @@ pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDe
     Ok(GaussianDepth::new(mean, variance)?)
 }
 
-/// Length of the way to each pixel from the one before it, `[dy, dx]` away. Differences count beyond the noise of both pixels, which all those
-/// of a plain surface would add up.
+/// Length of the way to each pixel from the one before it, `[dy, dx]` away. Differences count beyond the noise of both pixels: along a plain
+/// surface it would add up.
 fn steps(view: &PosedView, reach: f64, [dy, dx]: [usize; 2]) -> Array2<f64> {
     Array2::from_shape_fn(view.camera.dim(), |(y, x)| {
         let (here, from) = (colour(view, y, x), colour(view, y.saturating_sub(dy), x.saturating_sub(dx)));
