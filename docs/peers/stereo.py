@@ -4,7 +4,7 @@
     env/bin/python docs/peers/stereo.py POSED maps/sgbm --method sgbm
     env/bin/python docs/peers/stereo.py POSED maps/colmap --method colmap
     mde eval POSED --dataset posed --size 320x240 --prior-model fastdepth_224.onnx --methods sgbm=maps/sgbm,colmap=maps/colmap \\
-        --alignment median-ratio -o out/peers
+        -o out/peers
 
 sgbm    OpenCV's semi-global matching of the reference with every further photograph, rectified by the given poses. Per pixel the
         median of the largest set of depths within 10 % of each other; holes take the nearest pixel's depth. Pairs that stand

@@ -20,9 +20,9 @@ pub enum AlignmentRule {
     /// Nothing: the prediction is metric already.
     None,
     /// \\(s = \operatorname{median}(g) / \operatorname{median}(p)\\), in depth (Zhou et al., CVPR 2017; the paper's).
-    #[default]
     Median,
-    /// \\(s = \operatorname{median}(g / p)\\), in depth.
+    /// \\(s = \operatorname{median}(g / p)\\), in depth: pixels that change surface move it less than the ratio of medians.
+    #[default]
     MedianRatio,
     /// \\((s, t) = \arg\min \sum_i (s p_i + t - g_i)^2\\), in depth (Marigold's `least_square`).
     LeastSquaresDepth,

@@ -37,7 +37,7 @@ pub struct ScoreConfig {
 
 impl Default for ScoreConfig {
     fn default() -> Self {
-        Self { min_depth: 1e-3, max_depth: 10.0, crop: None, alignment: AlignmentRule::Median }
+        Self { min_depth: 1e-3, max_depth: 10.0, crop: None, alignment: AlignmentRule::MedianRatio }
     }
 }
 

@@ -51,7 +51,7 @@ def test_alignment():
     assert fit
     inverse, _ = metrics.align(1 / (0.3 / TRUTH + 0.1), TRUTH, "least-squares-disparity")
     np.testing.assert_allclose(inverse, TRUTH, rtol=1e-4)
-    scores = metrics.score(0.5 * PREDICTION, TRUTH, 0.5 * SIGMA, alignment="median", max_depth=8.0)
+    scores = metrics.score(0.5 * PREDICTION, TRUTH, 0.5 * SIGMA, max_depth=8.0)
     aligned, _ = metrics.align(0.5 * PREDICTION, TRUTH)
     np.testing.assert_allclose(scores["abs_rel"], np.mean(np.abs(aligned / TRUTH - 1)), rtol=1e-5)
 

@@ -174,9 +174,9 @@ impl Truth {
 
 /// The first is printed.
 fn rules(kind: DepthKind) -> [AlignmentRule; 3] {
-    use AlignmentRule::{LeastSquaresDisparity, Median, None};
+    use AlignmentRule::{LeastSquaresDisparity, MedianRatio, None};
     match kind {
-        DepthKind::AffineDisparity => [LeastSquaresDisparity, Median, None],
-        _ => [Median, None, LeastSquaresDisparity],
+        DepthKind::AffineDisparity => [LeastSquaresDisparity, MedianRatio, None],
+        _ => [MedianRatio, None, LeastSquaresDisparity],
     }
 }

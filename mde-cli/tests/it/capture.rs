@@ -208,7 +208,7 @@ fn the_demo_has_photographs_without_poses() {
     let novel = &capture["novel"];
     assert!(novel["withheld"] == true && !used[novel["photograph"].as_u64().unwrap() as usize], "{novel}");
     assert!(["psnr", "psnr_of_prior"].iter().all(|key| novel[*key].as_f64().unwrap() > 16.0), "{novel}");
-    let scores = &told["scores"]["by_alignment"]["median"];
+    let scores = &told["scores"]["by_alignment"]["median-ratio"];
     let abs_rel = |which: &str| scores[which]["abs_rel"].as_f64().unwrap();
     assert!(abs_rel("refined") < 0.6 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
 

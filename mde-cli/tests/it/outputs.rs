@@ -55,7 +55,7 @@ fn the_demo_of_one_photograph_is_scored_against_its_exact_depth() {
     assert_eq!(names(&place.path("a")), ["demo"]);
     assert_eq!(names(&place.path("a/demo")).join(" "), OUTPUTS.replace("image", "gt.npy image"));
     assert_eq!((record["seed"].as_u64(), record["camera"]["source"].as_str()), (Some(3), Some("scene")));
-    for path in ["median/prior", "median/refined", "ls-disparity/prior", "ls-disparity/refined"] {
+    for path in ["median-ratio/prior", "median-ratio/refined", "ls-disparity/prior", "ls-disparity/refined"] {
         let score = record["scores"]["by_alignment"].pointer(&format!("/{path}/abs_rel")).unwrap();
         assert!(score.as_f64().unwrap() > 0.0, "{path}");
     }
@@ -155,7 +155,7 @@ fn a_run_has_a_report_that_can_be_made_again() {
         (&record["camera"]["source"]["assumed"], &record["prior"]["kind"]),
         (&60.0.into(), &"depth".into())
     );
-    assert!(record["scores"]["by_alignment"]["median"]["refined"]["nll"].is_f64());
+    assert!(record["scores"]["by_alignment"]["median-ratio"]["refined"]["nll"].is_f64());
 
     let html = place.text("made/report.html");
     let data = report_data(&html);

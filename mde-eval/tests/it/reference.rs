@@ -97,7 +97,8 @@ fn edge_scores() {
 fn scores() {
     let r = Reference::read();
     let subject = Subject::new(r.prediction.view(), r.truth.view()).with_sigma(r.sigma.view());
-    let scores = score(&subject, &ScoreConfig::default()).unwrap();
+    let scores =
+        score(&subject, &ScoreConfig { alignment: AlignmentRule::Median, ..ScoreConfig::default() }).unwrap();
     let Alignment::Depth { scale, .. } = scores.alignment else { panic!() };
     near(scale, r.value("median"));
     assert_eq!(scores.pixels, r.mask.iter().filter(|&&m| m).count());

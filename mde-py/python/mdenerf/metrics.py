@@ -83,7 +83,7 @@ def edge_curve(
 
 
 def align(
-    prediction: ArrayLike, truth: ArrayLike, rule: str = "median", mask: ArrayLike | None = None
+    prediction: ArrayLike, truth: ArrayLike, rule: str = "median-ratio", mask: ArrayLike | None = None
 ) -> tuple[Floats, dict[str, Any]]:
     """A prediction in the scale of the truth.
 

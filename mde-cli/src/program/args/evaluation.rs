@@ -82,7 +82,7 @@ pub(crate) struct EvaluationArgs {
     #[command(flatten)]
     pub(crate) prior: EvalPriorArgs,
     /// Alignment of a map to the truth
-    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median-ratio")]
     pub(crate) alignment: (AlignmentRule, bool),
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
@@ -185,7 +185,7 @@ pub(crate) struct ScoreMapsArgs {
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
     /// Alignment of a map to the truth
-    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median-ratio")]
     pub(crate) alignment: (AlignmentRule, bool),
     #[command(flatten)]
     pub(crate) pixels: PixelArgs,

@@ -49,7 +49,7 @@ pub(super) const ALIGNMENTS: Choices<(AlignmentRule, bool)> = &[
         "Least squares, scale and shift, in disparity",
     ),
     ((AlignmentRule::None, false), "none", "None: for metric depth"),
-    ((AlignmentRule::Median, true), "prior", "The prior's, by medians, for every method"),
+    ((AlignmentRule::MedianRatio, true), "prior", "The prior's, by the median of ratios, for every method"),
 ];
 
 pub(super) fn choice<T: Copy + Send + Sync + 'static>(all: Choices<T>) -> impl TypedValueParser<Value = T> {
