@@ -14,8 +14,9 @@
 //!
 //! A scene is given by the quantiles of \\(|e| / \sigma\\) at equal steps of probability, \\(0, 1/m, \dots, 1\\).
 
-use crate::normal::central_half_width;
+use crate::normal::{central_half_width, erf};
 use crate::{Error, Result};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Half widths of central intervals, in sigmas, by their probability.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,24 +84,38 @@ impl PooledIntervals {
     }
 }
 
-/// Half the width of a normal distribution's central interval of probability `p`, in sigmas.
-///
-/// # Errors
-/// As [`PooledIntervals::half_width`].
-pub fn normal_half_width(p: f64) -> Result<f64> {
-    check(p)?;
-    Ok(central_half_width(p))
+/// A distribution of the errors over their sigmas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tails {
+    /// The normal distribution.
+    Normal,
+    /// Student's t of two degrees of freedom, whose central interval of probability .9 is as wide as the normal one.
+    Heavy,
 }
 
-/// Half the width, in sigmas, of the central interval of probability `p` of errors with the tails of Student's t of two degrees of freedom,
-/// as wide as the normal one at .9: \\( q_p = c p / \sqrt{1 - p^2} \\).
-///
-/// # Errors
-/// As [`PooledIntervals::half_width`].
-pub fn heavy_half_width(p: f64) -> Result<f64> {
-    let shape = |p: f64| p / (1.0 - p * p).sqrt();
-    check(p)?;
-    Ok(normal_half_width(0.9)? * shape(p) / shape(0.9))
+impl Tails {
+    /// Student's t of two degrees of freedom: half its width over \\( p / \sqrt{1 - p^2} \\).
+    const HEAVY: f64 = 0.796_638_970_755_312_5;
+
+    /// Half the width of the central interval of probability `p`, in sigmas; of heavy tails \\( c p / \sqrt{1 - p^2} \\).
+    ///
+    /// # Errors
+    /// As [`PooledIntervals::half_width`].
+    pub fn half_width(self, p: f64) -> Result<f64> {
+        check(p)?;
+        Ok(match self {
+            Self::Normal => central_half_width(p),
+            Self::Heavy => Self::HEAVY * p / (1.0 - p * p).sqrt(),
+        })
+    }
+
+    /// The probability of an error below that many sigmas, at least 0; of heavy tails \\( x / \sqrt{x^2 + c^2} \\).
+    pub fn within(self, sigmas: f64) -> f64 {
+        match self {
+            Self::Normal => erf(sigmas * FRAC_1_SQRT_2),
+            Self::Heavy => sigmas / sigmas.hypot(Self::HEAVY),
+        }
+    }
 }
 
 /// For each scene, the share of its pixels inside the interval of probability `p` of all *other* scenes; `None` for fewer than
@@ -177,7 +192,6 @@ mod tests {
         for p in [0.1, 0.5, 0.9, 0.99] {
             assert!((table.factor(p).unwrap() - 1.0).abs() < 1e-3, "{p}: {}", table.factor(p).unwrap());
         }
-        assert!((normal_half_width(0.9).unwrap() - 1.644_853_627).abs() < 1e-6);
     }
 
     /// A normal error over the root of an exponential one has those tails; 90 % of such errors are less than 2.92.
@@ -187,10 +201,16 @@ mod tests {
         let ratios = middles().flat_map(|u| middles().map(move |v| central_half_width(u) / (-v.ln()).sqrt()));
         let errors: Vec<f64> = ratios.collect();
         for p in [0.3, 0.5, 0.9, 0.98] {
-            let width = 2.919_986 * heavy_half_width(p).unwrap() / normal_half_width(0.9).unwrap();
+            let width =
+                2.919_986 * Tails::Heavy.half_width(p).unwrap() / Tails::Normal.half_width(0.9).unwrap();
             let held = errors.iter().filter(|error| **error < width).count() as f64 / errors.len() as f64;
             assert!((held - p).abs() < 2e-3, "{held} for {p}");
+            for tails in [Tails::Normal, Tails::Heavy] {
+                assert!((tails.within(tails.half_width(p).unwrap()) - p).abs() < 1e-12);
+            }
         }
+        let [normal, heavy] = [Tails::Normal, Tails::Heavy].map(|tails| tails.half_width(0.9).unwrap());
+        assert!((heavy / normal - 1.0).abs() < 1e-12);
     }
 
     #[test]

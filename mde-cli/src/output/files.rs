@@ -9,12 +9,13 @@ use mde_mvs::cloud::DepthView;
 use mde_mvs::export::{glb, ply};
 use mde_prior::CertaintyMeaning;
 use mde_prior::format::{
-    CONFIDENCE_FORMULA, DepthPng, confidence, write_confidence_png, write_depth_png, write_exr, write_npy,
+    DepthPng, confidence, confidence_formula, write_confidence_png, write_depth_png, write_exr, write_npy,
     write_npz,
 };
 use mde_prior::photo::{encode_rgb_png, write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::pooled::Tails;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array3, ArrayView2, ArrayView3};
 use rayon::prelude::*;
@@ -80,11 +81,9 @@ impl ResultFiles<'_> {
                 write_depth_png(path, depth.mean(), unit, scale).map(drop)
             }),
             Box::new(|| {
-                write_confidence_png(
-                    folder.join("confidence.png"),
-                    confidence(depth).view(),
-                    CONFIDENCE_FORMULA,
-                )
+                let tails = if beside.evidence.is_empty() { Tails::Normal } else { Tails::Heavy };
+                let (path, map) = (folder.join("confidence.png"), confidence(depth, tails));
+                write_confidence_png(path, map.view(), confidence_formula(tails))
             }),
         ];
         for (name, map) in maps {

@@ -7,7 +7,7 @@ use crate::refiner::calibration::{fingerprint, read, shipped};
 use crate::reports::Refinement;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::calibration::{Calibration, Mismatch};
-use mde_uncertainty::pooled::{heavy_half_width, normal_half_width};
+use mde_uncertainty::pooled::Tails;
 use ndarray::{Array2, Zip};
 use serde::Serialize;
 use std::path::Path;
@@ -149,14 +149,16 @@ impl ErrorBar {
         let Some(probability) = self.probability else { return Ok(stated) };
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
-            None if several => (heavy_half_width(probability)?, "Student's t of two degrees".to_owned()),
+            None if several => {
+                (Tails::Heavy.half_width(probability)?, "Student's t of two degrees".to_owned())
+            }
             None => {
                 let of =
                     if mismatch == Some(Mismatch::Model) { "this depth model" } else { "these settings" };
                 stated.warnings.push(format!(
                     "{{interval}}: no calibration for {of}, so the interval assumes a normal distribution; calibrate to estimate one"
                 ));
-                (normal_half_width(probability)?, "normal distribution".to_owned())
+                (Tails::Normal.half_width(probability)?, "normal distribution".to_owned())
             }
         };
         if self.given.is_none() && !prior.kind.is_depth() && !scaled {

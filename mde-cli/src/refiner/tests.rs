@@ -9,7 +9,7 @@ use mde_eval::capture::Capture;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_prior::augment::Predictions;
 use mde_prior::{DepthKind, DepthPrior, InferenceMemory, ModelSpec, PriorDepth};
-use mde_uncertainty::pooled::heavy_half_width;
+use mde_uncertainty::pooled::Tails;
 use ndarray::{ArcArray, Array2, ArrayView3, Ix3};
 use std::ops::ControlFlow;
 
@@ -117,7 +117,7 @@ fn several_photographs_have_neither_the_intervals_nor_the_scale_of_one() {
     let capture = found.refinement.capture.as_ref().unwrap();
     assert!(capture.fallback.is_none(), "{capture:?}");
     let half_width = found.stated.interval.unwrap().half_width;
-    assert_eq!((half_width, found.stated.scale.is_some()), (heavy_half_width(0.5).unwrap(), false));
+    assert_eq!((half_width, found.stated.scale.is_some()), (Tails::Heavy.half_width(0.5).unwrap(), false));
 }
 
 #[test]

@@ -2,11 +2,10 @@
 
 use super::MILLIMETRES;
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::normal::erf;
+use mde_uncertainty::pooled::Tails;
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, Zip};
 use serde::Serialize;
-use std::f64::consts::FRAC_1_SQRT_2;
 
 /// The unit of metric depth.
 const METRES: &str = "m";
@@ -14,9 +13,17 @@ const METRES: &str = "m";
 const FEWEST_STEPS: f64 = 100.0;
 /// Error whose probability the confidence states, as a share of the depth.
 const WITHIN: f64 = 0.1;
-/// How the confidence follows from depth and sigma.
-pub const CONFIDENCE_FORMULA: &str =
-    "erf(0.1 depth / (sqrt(2) sigma)), the probability of an error below 10 % of the depth";
+/// How [`confidence`] follows from depth and sigma.
+pub fn confidence_formula(tails: Tails) -> &'static str {
+    match tails {
+        Tails::Normal => {
+            "erf(0.1 depth / (sqrt(2) sigma)), the probability of an error below 10 % of the depth"
+        }
+        Tails::Heavy => {
+            "0.1 depth / sqrt((0.1 depth)^2 + (0.7966 sigma)^2), the probability of an error below 10 % of the depth"
+        }
+    }
+}
 
 /// Unit and scale of a PNG of depths.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -57,14 +64,14 @@ impl DepthPng {
     }
 }
 
-/// The probability of an error below a tenth of the depth, if errors are normally distributed; 0 where depth is missing.
-pub fn confidence(depth: &GaussianDepth) -> Array2<f32> {
+/// The probability of an error below a tenth of the depth; 0 where depth is missing.
+pub fn confidence(depth: &GaussianDepth, tails: Tails) -> Array2<f32> {
     Zip::from(depth.mean()).and(depth.variance()).map_collect(|&depth, &variance| {
         if depth <= 0.0 || variance.is_infinite() {
             return 0.0;
         }
         let sigmas = WITHIN * f64::from(depth) / f64::from(variance).sqrt();
-        if sigmas.is_finite() { erf(sigmas * FRAC_1_SQRT_2).clamp(0.0, 1.0) as f32 } else { 1.0 }
+        if sigmas.is_finite() { tails.within(sigmas) as f32 } else { 1.0 }
     })
 }
 
@@ -111,9 +118,12 @@ mod tests {
         let depth = array![[2.0, 2.0, 2.0, 0.0]];
         // sigma: 10 % of the depth, none, far too large, missing.
         let variance = array![[0.04, 0.0, 1e12, f32::INFINITY]];
-        let confidence = confidence(&GaussianDepth::new(depth, variance).unwrap());
-        assert!((confidence[(0, 0)] - 0.682_689_5).abs() < 1e-6, "{confidence}");
-        assert_eq!(confidence[(0, 1)], 1.0);
-        assert!(confidence[(0, 2)] < 1e-6 && confidence[(0, 3)] == 0.0, "{confidence}");
+        let depth = GaussianDepth::new(depth, variance).unwrap();
+        for (tails, at_one_sigma) in [(Tails::Normal, 0.682_689_5), (Tails::Heavy, 0.782_149_5)] {
+            let confidence = confidence(&depth, tails);
+            assert!((confidence[(0, 0)] - at_one_sigma).abs() < 1e-6, "{confidence}");
+            assert_eq!(confidence[(0, 1)], 1.0);
+            assert!(confidence[(0, 2)] < 1e-6 && confidence[(0, 3)] == 0.0, "{confidence}");
+        }
     }
 }

@@ -19,7 +19,7 @@ mod pfm;
 mod png;
 mod png_text;
 
-pub use depth_png::{CONFIDENCE_FORMULA, DepthPng, confidence};
+pub use depth_png::{DepthPng, confidence, confidence_formula};
 
 use std::path::Path;
 
