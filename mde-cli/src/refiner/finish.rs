@@ -119,8 +119,9 @@ impl<'s> Prepared<'s> {
         }
         report.filter(|_| used).and_then(CaptureReport::lens_warning).into_iter().for_each(&mut *warn);
         let estimated = report.filter(|_| used).and_then(|report| report.photographs.get(photograph)?.camera);
-        if let Some(found) = estimated.filter(|found| *found != camera.camera) {
-            camera = KnownCamera { camera: found, source: CameraSource::Estimated };
+        let sigma = report.and_then(|report| report.focal_sigma);
+        if let Some((found, sigma)) = estimated.filter(|found| *found != camera.camera).zip(sigma) {
+            camera = KnownCamera { camera: found, source: CameraSource::Estimated(sigma) };
         }
         // Refused photographs have no unit.
         let mut unit = self.result_unit();

@@ -31,6 +31,8 @@ pub struct CaptureReport {
     pub moved: Vec<String>,
     /// Factor on assumed focal lengths.
     pub focal_factor: Option<f64>,
+    /// Standard deviation of its logarithm.
+    pub focal_sigma: Option<f64>,
     /// Radial distortion with which the matches fit better beyond chance, as the share of its distance from the centre by which a corner moves.
     pub distortion: Option<f64>,
     /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.

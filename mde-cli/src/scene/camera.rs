@@ -58,8 +58,8 @@ pub enum CameraSource {
     Network,
     /// Assumed, degrees.
     Assumed(f64),
-    /// An assumed focal length, estimated with the poses of several photographs.
-    Estimated,
+    /// An assumed focal length, estimated with the poses of several photographs, and the standard deviation of its logarithm.
+    Estimated(f64),
     /// The procedural scene's own.
     Scene,
 }
@@ -74,7 +74,7 @@ impl CameraSource {
             Self::Exif(_) => "exif",
             Self::Network => "network",
             Self::Assumed(_) => "assumed",
-            Self::Estimated => "estimated",
+            Self::Estimated(_) => "estimated",
             Self::Scene => "scene",
         }
     }
@@ -148,11 +148,15 @@ impl KnownCamera {
             CameraSource::Exif(_) => "from the photograph's EXIF",
             CameraSource::Network => "the network's estimate; give {fov} if known",
             CameraSource::Assumed(_) => "assumed; give {fov} if known",
-            CameraSource::Estimated => "estimated with the poses; give {fov} if known",
+            CameraSource::Estimated(_) => "estimated with the poses; give {fov} if known",
             CameraSource::Scene => "the scene's own",
         };
         let degrees = 2.0 * (0.5 * width as f64 / fx).atan().to_degrees();
-        format!("focal length {fx:.0} px ({degrees:.1} degrees), {source}")
+        let sigma = match self.source {
+            CameraSource::Estimated(sigma) => format!(" +- {:.0} %", 100.0 * sigma),
+            _ => String::new(),
+        };
+        format!("focal length {fx:.0} px{sigma} ({degrees:.1} degrees), {source}")
     }
 
     /// A warning where the camera is assumed.

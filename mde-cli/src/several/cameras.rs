@@ -74,6 +74,7 @@ pub(super) fn posed(
         let estimated = estimate_poses(&inputs, reference, seed, matched)?;
         report.poses = PoseSource::Estimated;
         report.focal_factor = Some(estimated.focal_factor);
+        report.focal_sigma = estimated.focal_sigma;
         report.distortion = estimated.distortion;
         estimated.photographs
     };

@@ -113,6 +113,8 @@ fn poses_are_written_and_read_again() {
     place.run(&format!("{REFINE} --views images --fov {fov} -o estimated"));
     let estimated = place.record("estimated")["capture"].clone();
     assert!(estimated["poses"] == "estimated" && estimated["fallback"].is_null(), "{estimated}");
+    let assumed = "refine images/0.png --views images --prior-depth prior.npy --no-nerf -o assumed";
+    place.prints(assumed, 0, "px +- ; % ( ; estimated with the poses");
     // Left out before those that follow, whose names stay theirs.
     fs::copy(place.path("images/0.png"), place.path("images/0-copy.png")).unwrap();
     place.write("images/0-torn.png", "torn");

@@ -304,8 +304,10 @@ impl Cameras {
 
 impl Bundle {
     /// Measures the spread of each photograph's prior about the depths, of the tracks with more parallax than the median, and
-    /// widens it by the root of the tracks that share an error.
+    /// widens it by the root of the tracks that share an error. The focal length's deviation is over the noise of the matches, which count
+    /// as if it were [`Lens::noise`].
     pub(super) fn measure_priors(&mut self) {
+        self.cameras.focal_sigma = FOCAL_SIGMA / self.shared_noise();
         let Cameras { poses, log_scales, prior_sigmas, .. } = &mut self.cameras;
         for (anchor, sigma) in prior_sigmas.iter_mut().enumerate() {
             let deviation = |track: &Observed| {
@@ -488,8 +490,9 @@ impl Bundle {
 
     /// Covariance of each pose's left perturbation, translation before rotation in radians, if a pixel's standard deviation is
     /// `noise` times that of [`Lens::noise`]. Where no pose is given the length of all translations together, the unit, counts as known.
-    /// Nothing for poses that are kept, and where the normal equations are singular.
-    pub(super) fn covariances(&self, noise: f64) -> Vec<Option<Matrix6<f64>>> {
+    /// Nothing for poses that are kept, and where the normal equations are singular. Beside them the variance of the logarithm of the
+    /// assumed focal lengths' common factor.
+    pub(super) fn covariances(&self, noise: f64) -> (Vec<Option<Matrix6<f64>>>, Option<f64>) {
         let layout = self.layout();
         let matrix = self.normal(&layout, noise).reduced(0.0).0;
         let mut along = DVector::zeros(matrix.nrows());
@@ -507,7 +510,8 @@ impl Bundle {
             if variance > 0.0 { inverse - &spread * spread.transpose() / variance } else { inverse }
         });
         let of_pose = |at: usize| Some(inverse.as_ref()?.fixed_view::<6, 6>(at, at).into_owned());
-        layout.poses.iter().map(|start| start.and_then(of_pose)).collect()
+        let of_focal = layout.focal.and_then(|at| Some(inverse.as_ref()?[(at, at)]));
+        (layout.poses.iter().map(|start| start.and_then(of_pose)).collect(), of_focal)
     }
 }
 

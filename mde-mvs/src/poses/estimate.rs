@@ -33,7 +33,7 @@ const MIN_PARALLAX_PIXELS: f64 = 2.0;
 const MIN_TURN_PIXELS: f64 = 0.6;
 
 /// No covariance is of matches better than this, in units of noise.
-pub(super) const LEAST_NOISE: f64 = 1e-3;
+const LEAST_NOISE: f64 = 1e-3;
 
 /// Outcome for a photograph.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -122,6 +122,9 @@ pub struct Estimated {
     pub depths: Vec<(Point2<f64>, f64)>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
     pub focal_factor: f64,
+    /// Standard deviation of its logarithm; nothing where none was assumed. Twice that of the matches, since lenses have distortion: the
+    /// errors of 26 estimates for 13 captures.
+    pub focal_sigma: Option<f64>,
     /// Radial distortion with which the matches fit better beyond chance, as the share of its distance from the centre by which a corner
     /// moves: the camera is none of the photographs', or the poses are wrong.
     pub distortion: Option<f64>,
@@ -201,8 +204,7 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
         bundle.rescale_to_prior();
         // The matches count as if they were few, so the focal length's own deviation counts in full.
         bundle.cameras.focal_sigma = FOCAL_SIGMA;
-        let covariances =
-            bundle.covariances(shared_error_factor(bundle.tracks.len()) * bundle.noise().max(LEAST_NOISE));
+        let (covariances, of_focal) = bundle.covariances(bundle.shared_noise());
         let degrees = |c: &Matrix6<f64>| (c[(3, 3)] + c[(4, 4)] + c[(5, 5)]).max(0.0).sqrt().to_degrees();
         let each = covariances.iter().enumerate().filter_map(|(v, c)| Some((v, degrees(c.as_ref()?))));
         let most_uncertain = each.max_by(|a, b| a.1.total_cmp(&b.1));
@@ -240,7 +242,9 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
             }
         };
         let photographs = (0..shots.len()).map(of_photograph).collect();
-        return Estimated { photographs, depths: bundle.reference_depths(), focal_factor, distortion };
+        let (depths, focal_sigma) =
+            (bundle.reference_depths(), of_focal.map(|variance| 2.0 * variance.sqrt()));
+        return Estimated { photographs, depths, focal_factor, focal_sigma, distortion };
     }
 }
 
@@ -348,7 +352,12 @@ impl Bundle {
         let moving = 6 * (self.counts().iter().filter(|count| **count > 0).count().saturating_sub(1));
         let free = (2 * observations).saturating_sub(self.tracks.len() + moving).max(1);
         let squares: f64 = self.residuals().flatten().map(|r| r.norm_squared()).sum();
-        (squares / free as f64).sqrt()
+        (squares / free as f64).sqrt().max(LEAST_NOISE)
+    }
+
+    /// The same with the errors that neighbouring matches share.
+    pub(super) fn shared_noise(&self) -> f64 {
+        shared_error_factor(self.tracks.len()) * self.noise()
     }
 
     /// [`Cameras::residual`] of all observations.

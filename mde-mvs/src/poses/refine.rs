@@ -1,5 +1,5 @@
 use super::bundle::{Bundle, Cameras, Given, Lens, Observed};
-use super::estimate::{EstimatedPose, LEAST_NOISE, STEPS, Verdict};
+use super::estimate::{EstimatedPose, STEPS, Verdict};
 use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
@@ -315,11 +315,11 @@ impl Capture<'_, '_> {
             }
         };
         let shared = shared_error_factor(bundle.tracks.len() / windows.len());
-        let noise = shared * bundle.noise().max(LEAST_NOISE);
+        let noise = shared * bundle.noise();
         // Of each window with the other poses kept.
         let mut covariances = vec![None; bundle.cameras.poses.len()];
         for window in &windows {
-            let found = bundle.window(window).0.covariances(noise);
+            let found = bundle.window(window).0.covariances(noise).0;
             window.iter().for_each(|&v| covariances[v] = found[v]);
         }
         Adjusted { bundle, covariances, accepted: share.is_some(), withheld }

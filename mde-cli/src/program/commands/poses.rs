@@ -55,12 +55,13 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     report.lens_warning().into_iter().for_each(|warning| progress.warn(warning));
     mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
-    let factor = report.focal_factor.filter(|factor| (factor - 1.0).abs() > 1e-9);
-    let focal = factor.map(|factor| format!("focal length: {factor:.3} of the assumed one\n"));
+    let focal = report.focal_factor.zip(report.focal_sigma).map(|(factor, sigma)| {
+        format!("focal length: {factor:.2} of the assumed one, +- {:.0} %\n", 100.0 * sigma)
+    });
     let focal = focal.unwrap_or_default();
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
-    let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor,
+    let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor, "focal_sigma": report.focal_sigma,
         "poses_seconds": report.seconds.poses });
     progress.done(&Document { blocks: vec![Block::Table(table(report))] }, &text, target, value);
     Ok(())

@@ -12,8 +12,9 @@ pub(crate) fn open(args: &PriorArgs, several: bool) -> Result<OpenPrior<'static>
         (None, Some(file)) => map(file, &args.network),
         (None, None) if several => Ok(OpenPrior::nothing()),
         (None, None) => anyhow::bail!(
-            "one photograph needs a depth network: give --prior-model MODEL.onnx (docs/models.md has the addresses) or --prior-depth; several \
-             photographs of one place (--views) need none"
+            "one photograph needs a depth network: give --prior-model MODEL.onnx or --prior-depth; `curl -Lo depth-anything-v2-small.onnx \
+             https://huggingface.co/onnx-community/depth-anything-v2-small/resolve/main/onnx/model.onnx` gets one, docs/models.md has more; \
+             several photographs of one place (--views) need none"
         ),
     }
 }
