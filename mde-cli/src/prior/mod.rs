@@ -79,7 +79,7 @@ impl<'p> OpenPrior<'p> {
 
 /// The same depth everywhere.
 #[derive(Debug)]
-struct Uniform;
+pub(crate) struct Uniform;
 
 impl DepthPrior for Uniform {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {

@@ -389,7 +389,7 @@ fn the_doctor_tries_a_model() {
     let small = path("models/upydnet_nyu48/model.onnx");
     place.write("small.toml", "width = 48\nheight = 48\noutput = 'metric'\n");
     place.take(&model, "model.onnx");
-    let tried = "runtime tract: ;default needs 30 predictions;\"width\":224;\"output\":\"metric\"";
+    let tried = "runtime tract: ;default needs 30 predictions;224x224, metric";
     let exchanged = "near and far are exchanged";
     for (arguments, code, words) in [
         (model.clone(), 0, tried),

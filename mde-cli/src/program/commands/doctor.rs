@@ -5,7 +5,7 @@ use crate::output::record::versions;
 use crate::prior::OpenPrior;
 use crate::program::open::prior;
 use crate::program::{DoctorArgs, NetworkArgs, columns, line_of, message, visible};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};
 use mde_eval::table::wrapped;
@@ -23,13 +23,9 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     let crates: Vec<String> = versions().iter().map(|(name, version)| format!("{name} {version}")).collect();
     let models = if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" };
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
-    for (what, text) in [
-        ("program", crates.join(", ")),
-        ("models", models.to_owned()),
-        ("machine", format!("{} {}, {cores} processors", std::env::consts::OS, std::env::consts::ARCH)),
-    ] {
-        print(what, &text);
-    }
+    print("program", &crates.join(", "));
+    print("models", models);
+    print("machine", &format!("{} {}, {cores} processors", std::env::consts::OS, std::env::consts::ARCH));
     args.prior_model.as_ref().map_or(Ok(()), |path| model(path, args))
 }
 
@@ -43,9 +39,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     let prior = open("tract")?;
     print("model", &line_of(path));
     if let Some(spec) = &prior.origin().model {
-        let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
-        // Spaces, so that the line can be wrapped; it is still JSON.
-        print("profile", &json.replace(",\"", ", \""));
+        print("profile", &format!("{}x{}, {}", spec.width, spec.height, spec.output));
     }
     time(&prior)?;
     if cfg!(feature = "onnxruntime") {

@@ -7,7 +7,7 @@ use crate::program::store::{NewFolder, check_new_file};
 use crate::program::{PosesArgs, Progress, line_of, number};
 use crate::refiner::{Observer, Refiner, Settings};
 use crate::reports::CaptureReport;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, relative_path, transforms_json};
 use serde_json::json;
@@ -40,11 +40,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();
-    ensure!(
-        report.fallback.is_none(),
-        "no poses were found, so nothing was written: {}",
-        report.fallback.as_deref().unwrap_or_default()
-    );
+    if let Some(reason) = &report.fallback {
+        bail!("no poses were found, so nothing was written: {reason}");
+    }
     let mut frames = Vec::new();
     for (index, path) in paths.iter().enumerate() {
         let (Some(pose), Some(camera)) = (several.pose(index), several.camera(index)) else { continue };
@@ -55,10 +53,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     report.lens_warning().into_iter().for_each(|warning| progress.warn(warning));
     mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
-    let focal = report.focal_factor.zip(report.focal_sigma).map(|(factor, sigma)| {
+    let focal = report.focal_factor.zip(report.focal_sigma).map_or_else(String::new, |(factor, sigma)| {
         format!("focal length: {factor:.2} of the assumed one, +- {:.0} %\n", 100.0 * sigma)
     });
-    let focal = focal.unwrap_or_default();
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
     let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor, "focal_sigma": report.focal_sigma,

@@ -3,7 +3,7 @@
 use crate::output::every::PhotographRow;
 use crate::output::preview::{RELATIVE, depth_picture, relative_sigma, sigma_picture_within};
 use crate::output::record::versions;
-use crate::prior::hash_files;
+use crate::prior::{Uniform, hash_files};
 use crate::program::many::index::TABLE;
 use crate::program::many::{finished, mark};
 use crate::program::open::{Opener, content, scene};
@@ -13,6 +13,7 @@ use crate::refiner::same_scale::{OneScale, groups_warning};
 use crate::refiner::{Observer, Plan, Refined, Refiner, Silent};
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::Result;
+use mde_mvs::poses::Prepared as Matched;
 use mde_prior::photo::{decode_image, write_image};
 use mde_prior::resample::shrink;
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
@@ -82,6 +83,17 @@ impl Common<'_> {
         drop(bytes);
         let camera = &self.args.common.camera;
         Opener { refiner: self.job.refiner, camera, progress }.photograph(&item.path, photo, false)
+    }
+
+    /// Whether the first two photographs have matches that agree on a motion of the camera.
+    pub(super) fn overlap(&self, items: &[Item]) -> Result<bool> {
+        let [first, second, ..] = items else { return Ok(false) };
+        let scale = OneScale::new(2, &self.job.refiner.settings().config);
+        let prepared = |item: &Item| {
+            let one = self.opened(item, content(&item.path)?, &mut Progress::silent())?;
+            scale.prepare(one.image.view(), &one.camera, &Uniform).map_err(anyhow::Error::from)
+        };
+        Ok(Matched::log_ratio(&prepared(first)?, &prepared(second)?, 0).is_some())
     }
 
     /// Everything that the results depend on, the photograph by its content.

@@ -12,7 +12,8 @@ use crate::output::names::folders;
 use crate::program::many::item::{Common, Item, settings_of};
 use crate::program::open::{photographs, prior, refinement_settings};
 use crate::program::store::{ENTRY, Entry, OpenFolder, check_own, folders_in, list_files};
-use crate::program::{Job, Progress, RefineArgs, interrupt, intervals, line_of, lock, partial, side_by_side};
+use crate::program::workers::{caught, lock, side_by_side};
+use crate::program::{Job, Progress, RefineArgs, interrupt, intervals, line_of, partial};
 use crate::refiner::{Observer, Refiner};
 use anyhow::{Result, bail, ensure};
 use mde_eval::table::Document;
@@ -122,9 +123,17 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     done?;
     saved?;
     let rows: Vec<PhotographRow> = state.rows.into_values().collect();
-    warnings(&rows, progress);
+    // Each different warning once.
+    let mut counted = BTreeMap::<&str, usize>::new();
+    rows.iter().flat_map(|row| &row.warnings).for_each(|warning| *counted.entry(warning).or_default() += 1);
+    for (warning, count) in counted {
+        progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
+    }
     let page = args.shard.is_none().then_some(index::PAGE);
-    let more = intervals(&refiner.settings().error_bar);
+    let mut more = intervals(&refiner.settings().error_bar);
+    if args.shard.is_none() && caught(|| common.overlap(&items)).unwrap_or(false) {
+        more += "the first two show one place: mde dense takes the photographs of a still scene together, which is more exact\n";
+    }
     finish(&rows, output, page, &Document::default(), &more, json!({}), progress)
 }
 
@@ -191,13 +200,4 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
     ensure!(args.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
     ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
     Ok(())
-}
-
-/// Each different warning once, with the number of photographs that had it.
-fn warnings(rows: &[PhotographRow], progress: &mut Progress) {
-    let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
-    rows.iter().flat_map(|row| &row.warnings).for_each(|warning| *counted.entry(warning).or_default() += 1);
-    for (warning, count) in counted {
-        progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
-    }
 }
