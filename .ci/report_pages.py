@@ -223,6 +223,7 @@ def reading(page):
 
 def check_run(page, folder):
     """Slider, hover, keyboard and cloud of a run's page."""
+    check(reading(page) == {}, "values stand there before a pixel is chosen")
     check_hover(page, folder)
     check_tables(page)
     left, top, width, height = page.box("#viewer")
@@ -245,7 +246,11 @@ def check_run(page, folder):
     page.key("ArrowDown")
     check(reading(page)["pixel"] != place, "the arrow keys do not move the pixel")
 
-    check(page.value("document.querySelectorAll('.triptych canvas').length") == 3, "photograph, depth and sigma are not side by side")
+    record = "JSON.parse(document.getElementById('data').textContent).record"
+    known = page.value(f"{record}.prior?.source !== 'none'")
+    check(page.value("document.querySelectorAll('.first canvas').length") == 3 + known, "photograph, prior, depth and sigma are not side by side")
+    seconds = page.value("[...document.querySelectorAll('[aria-label=seconds] td')].map((d) => +d.textContent)")
+    check(abs(sum(seconds[:-1]) - seconds[-1]) < 0.01 * len(seconds), f"the stages do not sum to the whole: {seconds}")
     check_distance(page)
     check_zoom(page, load(folder / "depth.npy")[0])
     linked = page.value("[...document.querySelectorAll('.gallery a[download]')].map((a) => a.getAttribute('href'))")
@@ -273,8 +278,9 @@ def check_run(page, folder):
     page.key("ArrowLeft")
     check(page.pixels("#cloud") != zoomed, "the arrow keys do not turn the cloud")
     points = "+document.getElementById('cloud-count').textContent.replaceAll(',', '').split(' ')[0]"
-    every = page.value(points)
-    check(every > 100, f"the cloud has {every} points")
+    counted = page.value(points)
+    every = int(page.value("document.getElementById('cloud-count').textContent").replace(",", "").split()[2])
+    check(every > 100 and 0.7 * every < counted < 0.9 * every, f"the cloud opens with {counted} of {every} points")
     page.value("(() => { const s = document.getElementById('cloud-sigma'); s.value = 50; s.dispatchEvent(new Event('input')); })()")
     page.settle()
     some = page.value(points)

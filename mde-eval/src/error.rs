@@ -1,3 +1,4 @@
+use mde_uncertainty::OutOfRange;
 use std::path::PathBuf;
 
 /// What can go wrong when scoring, rendering or reading a data set.
@@ -40,15 +41,8 @@ pub enum Error {
         expected: &'static str,
     },
     /// A setting out of its range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// The field's name.
-        field: &'static str,
-        /// The value at fault.
-        value: String,
-        /// What to do.
-        remedy: &'static str,
-    },
+    #[error(transparent)]
+    Config(#[from] OutOfRange),
     /// An unknown name.
     #[error("there is no {what} named `{name}`; use one of {known}")]
     Unknown {
@@ -109,13 +103,6 @@ pub enum Error {
     Prior(#[from] mde_prior::Error),
 }
 
-impl Error {
-    /// Of a setting.
-    pub(crate) fn config(field: &'static str, value: impl ToString, remedy: &'static str) -> Self {
-        Self::Config { field, value: value.to_string(), remedy }
-    }
-}
-
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -143,8 +130,8 @@ pub(crate) fn check_lists<const N: usize>(empty: &'static str, lists: [List<'_>;
 
 /// [`Error::Config`] for the first setting that is not sound: name, value, whether it is sound, and what to do.
 pub(crate) fn check<const N: usize>(settings: [(&'static str, f64, bool, &'static str); N]) -> Result<()> {
-    match settings.into_iter().find(|setting| !setting.2) {
-        None => Ok(()),
-        Some((field, value, _, remedy)) => Err(Error::config(field, value, remedy)),
+    for (field, value, sound, remedy) in settings {
+        OutOfRange::check(sound, field, &value, remedy)?;
     }
+    Ok(())
 }

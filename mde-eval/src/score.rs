@@ -13,6 +13,7 @@ use crate::error::check;
 use crate::raster::{Map, Mask, same_shape};
 use crate::{Error, Result};
 use map::DepthMap;
+use mde_uncertainty::OutOfRange;
 use metric::Of;
 use ndarray::{Array2, Zip};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -55,7 +56,7 @@ impl ScoreConfig {
         match self.crop {
             Some(crop @ [top, bottom, left, right]) if top >= bottom || left >= right => {
                 let remedy = "use [top, bottom, left, right] with top < bottom and left < right";
-                Err(Error::config("crop", format!("{crop:?}"), remedy))
+                Err(OutOfRange::new("crop", format!("{crop:?}"), remedy).into())
             }
             _ => Ok(()),
         }

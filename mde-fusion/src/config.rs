@@ -1,4 +1,5 @@
-use crate::{Aggregation, Error, Result};
+use crate::{Aggregation, Result};
+use mde_uncertainty::OutOfRange;
 
 /// The choices of the fusion. The default is [`paper`](Self::paper).
 #[derive(Debug, Clone, PartialEq)]
@@ -51,21 +52,18 @@ impl FusionConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`Error::Config`] names the field and what to do.
+    /// [`Config`](crate::Error::Config) names the field and what to do.
     pub fn validate(&self) -> Result<()> {
-        let check = |field, value: f64, valid: bool, remedy| match valid {
-            true => Ok(()),
-            false => Err(Error::Config { field, value: value.to_string(), remedy }),
-        };
         let unit = 0.0..1.0;
         let fraction = "give a fraction from 0 to below 1";
         for (field, value) in
             [("fusion.variance-floor", self.variance_floor), ("fusion.common-error", self.common_error)]
         {
-            check(field, value, unit.contains(&value), fraction)?;
+            OutOfRange::check(unit.contains(&value), field, &value, fraction)?;
         }
         let positive = self.kappa > 0.0 && self.kappa.is_finite();
-        check("fusion.kappa", self.kappa, positive, "give a positive fraction, such as 0.1")
+        let remedy = "give a positive fraction, such as 0.1";
+        Ok(OutOfRange::check(positive, "fusion.kappa", &self.kappa, remedy)?)
     }
 }
 

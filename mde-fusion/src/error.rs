@@ -24,16 +24,9 @@ pub enum Error {
         /// The value at fault.
         value: f32,
     },
-    /// A value of the configuration out of range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// The field, as the configuration file spells it.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What to do.
-        remedy: &'static str,
-    },
+    /// A setting out of its range.
+    #[error(transparent)]
+    Config(#[from] mde_uncertainty::OutOfRange),
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Map(#[from] mde_uncertainty::Error),

@@ -1,19 +1,10 @@
-use std::fmt::Display;
-
 /// What can be wrong with a capture or the settings of a stage.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A setting out of its range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// Name of the setting.
-        field: &'static str,
-        /// The value at fault.
-        value: String,
-        /// What to give instead.
-        remedy: &'static str,
-    },
+    #[error(transparent)]
+    Config(#[from] mde_uncertainty::OutOfRange),
     /// An index of a view that does not exist.
     #[error("view {reference} does not exist; there are {views}, counted from 0")]
     Reference {
@@ -37,12 +28,6 @@ pub enum Error {
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
-}
-
-impl Error {
-    pub(crate) fn config(field: &'static str, value: impl Display, remedy: &'static str) -> Self {
-        Self::Config { field, value: value.to_string(), remedy }
-    }
 }
 
 /// Shorthand for this crate's results.

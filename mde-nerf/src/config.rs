@@ -1,4 +1,5 @@
-use crate::{Error, Result};
+use crate::Result;
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::termination::InBinVariance;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -224,7 +225,7 @@ impl NerfConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`Error::Config`] with the first field that is out of range.
+    /// [`Config`](crate::Error::Config) with the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         let Self { field, sampling, train, render } = self;
         let n = |count: usize| count as f64;
@@ -269,10 +270,10 @@ impl NerfConfig {
             let beyond = sampling.near.unwrap_or(0.0).next_up()..=f64::MAX;
             ranges.push(("sampling.far", far, beyond, "give a depth beyond sampling.near"));
         }
-        match ranges.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
-            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
-            None => Ok(()),
+        for (field, value, range, remedy) in ranges {
+            OutOfRange::check(range.contains(&value), field, &value, remedy)?;
         }
+        Ok(())
     }
 }
 

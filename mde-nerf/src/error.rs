@@ -4,16 +4,9 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A configuration value out of range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// The field's name, with its sections.
-        field: &'static str,
-        /// The value at fault.
-        value: String,
-        /// How to mend it.
-        remedy: &'static str,
-    },
+    /// A setting out of its range.
+    #[error(transparent)]
+    Config(#[from] mde_uncertainty::OutOfRange),
     /// A view that cannot be used.
     #[error("view {index}: {reason}")]
     View {

@@ -3,8 +3,8 @@
 use crate::config::{SamplingConfig, VolumeConfig};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
-use mde_uncertainty::Real;
 use mde_uncertainty::statistics::nearest_rank_sorted;
+use mde_uncertainty::{OutOfRange, Real};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -269,13 +269,9 @@ fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64,
     let end = |side: usize| Some(stretch[side] * quantile(QUANTILES[side])?);
     let near = sampling.near.or_else(|| end(0)).ok_or(Error::NoRange)?;
     let far = sampling.far.or_else(|| end(1)).ok_or(Error::NoRange)?;
-    if !(near > 0.0 && far > near * 1.0001) {
-        return Err(Error::Config {
-            field: "sampling.near, sampling.far",
-            value: format!("{near}, {far}"),
-            remedy: "give a positive near below far, or a depth hypothesis that spans a range",
-        });
-    }
+    let ends = format!("{near}, {far}");
+    let remedy = "give a positive near below far, or a depth hypothesis that spans a range";
+    OutOfRange::check(near > 0.0 && far > near * 1.0001, "sampling.near, sampling.far", &ends, remedy)?;
     Ok((near, far, quantile(0.5).unwrap_or(0.5 * (near + far))))
 }
 

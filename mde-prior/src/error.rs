@@ -32,16 +32,9 @@ pub enum Error {
         /// The reason and the remedy.
         reason: String,
     },
-    /// A setting is out of its range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// Name of the setting.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What to give instead.
-        remedy: &'static str,
-    },
+    /// A setting out of its range.
+    #[error(transparent)]
+    Config(#[from] mde_uncertainty::OutOfRange),
     /// No profile of that name, or none that matches the file name.
     #[error("no model profile for {name:?}; name one of: {}", crate::spec::PROFILES.join(", "))]
     UnknownProfile {
@@ -67,16 +60,6 @@ impl Error {
     pub(crate) fn read(path: &Path, source: std::io::Error) -> Self {
         Self::Read { path: path.to_owned(), source }
     }
-}
-
-/// [`Error::Config`] for a value that is not sound.
-pub(crate) fn check(
-    sound: bool,
-    field: &'static str,
-    value: &dyn std::fmt::Display,
-    remedy: &'static str,
-) -> Result<()> {
-    if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
 }
 
 /// [`Error::Input`] for two maps, by their names and `(height, width)`, that are not of one size.

@@ -1,7 +1,7 @@
 //! The file of a calibration: [pooled intervals](crate::pooled) with the settings, the model and the scenes that they are of.
 
 use crate::pooled::{PooledIntervals, held_out};
-use crate::{Error, Result};
+use crate::{Error, OutOfRange, Result};
 use serde::{Deserialize, Serialize};
 
 /// Version of the file's layout.
@@ -215,7 +215,7 @@ fn usable(table: &PooledIntervals) -> Result<()> {
         return Ok(());
     }
     let value = format!("a table that multiplies sigma by {factor:e}");
-    Err(Error::Config { field: "half-widths", value, remedy: "give one that multiplies it by 1e-6 to 1e6" })
+    Err(OutOfRange::new("half-widths", value, "give one that multiplies it by 1e-6 to 1e6").into())
 }
 
 /// Six digits are more than any number of scenes determines.

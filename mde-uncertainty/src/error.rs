@@ -1,3 +1,5 @@
+use std::fmt::Display;
+
 /// What can be wrong with a depth map, a list of values, or a calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -57,15 +59,8 @@ pub enum Error {
         remedy: &'static str,
     },
     /// A setting out of its range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// The setting at fault.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What to do.
-        remedy: &'static str,
-    },
+    #[error(transparent)]
+    Config(#[from] OutOfRange),
     /// A text that is no calibration.
     #[error("{origin}: {reason}; calibrate again")]
     Calibration {
@@ -74,6 +69,38 @@ pub enum Error {
         /// What is wrong with it, in one line.
         reason: String,
     },
+}
+
+/// A setting out of its range, as every crate of the workspace reports it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field} is {value}; {remedy}")]
+pub struct OutOfRange {
+    /// The setting, as the configuration file spells it.
+    pub field: &'static str,
+    /// Its value.
+    pub value: String,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+impl OutOfRange {
+    /// Of a setting and its value.
+    pub fn new(field: &'static str, value: impl Display, remedy: &'static str) -> Self {
+        Self { field, value: value.to_string(), remedy }
+    }
+
+    /// Refuses a value that is not `sound`.
+    ///
+    /// # Errors
+    /// The setting, its value and the remedy.
+    pub fn check(
+        sound: bool,
+        field: &'static str,
+        value: &dyn Display,
+        remedy: &'static str,
+    ) -> Result<(), Self> {
+        if sound { Ok(()) } else { Err(Self::new(field, value, remedy)) }
+    }
 }
 
 /// Shorthand for this crate's results.

@@ -20,7 +20,7 @@ mod scalar;
 pub mod statistics;
 pub mod termination;
 
-pub use error::{Error, Result};
+pub use error::{Error, OutOfRange, Result};
 pub use gaussian::GaussianDepth;
 pub use ndarray;
 pub use scalar::Real;

@@ -15,7 +15,7 @@
 //! A scene is given by the quantiles of \\(|e| / \sigma\\) at equal steps of probability, \\(0, 1/m, \dots, 1\\).
 
 use crate::normal::{central_half_width, erf};
-use crate::{Error, Result};
+use crate::{OutOfRange, Result};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Half widths of central intervals, in sigmas, by their probability.
@@ -33,16 +33,17 @@ impl PooledIntervals {
     /// alike.
     ///
     /// # Errors
-    /// [`Error::Config`] without scenes, for a scene of fewer than two quantiles, and for quantiles that decrease, are negative
+    /// [`Config`](crate::Error::Config) without scenes, for a scene of fewer than two quantiles, and for quantiles that decrease, are negative
     /// or not finite.
     pub fn fit(scenes: &[Vec<f64>]) -> Result<Self> {
         if scenes.is_empty() {
             let remedy = "give one scene or more with an uncertainty";
-            return Err(fault("scenes", "an empty list".to_owned(), remedy));
+            return Err(OutOfRange::new("scenes", "an empty list", remedy).into());
         }
         if let Some(scene) = scenes.iter().position(|q| q.len() < 2 || !rises(q)) {
             let remedy = "give two or more finite numbers from 0 on that do not decrease";
-            return Err(fault("the list of |e| / sigma", format!("unusable for scene {scene}"), remedy));
+            let value = format!("unusable for scene {scene}");
+            return Err(OutOfRange::new("the list of |e| / sigma", value, remedy).into());
         }
         let steps = Self::STEPS as f64;
         let half_width = |step: usize| pooled_quantile(scenes, step as f64 / steps);
@@ -52,13 +53,13 @@ impl PooledIntervals {
     /// The table with these half widths in sigmas, at the probabilities \\(0, 0.01, \dots, 0.99\\).
     ///
     /// # Errors
-    /// [`Error::Config`] unless there are [`STEPS`](Self::STEPS) of them, finite, at least 0, non-decreasing, and the last above 0.
+    /// [`Config`](crate::Error::Config) unless there are [`STEPS`](Self::STEPS) of them, finite, at least 0, non-decreasing, and the last above 0.
     pub fn from_half_widths(half_widths: Vec<f64>) -> Result<Self> {
         let positive = half_widths.last().is_some_and(|last| *last > 0.0);
         if half_widths.len() != Self::STEPS || !positive || !rises(&half_widths) {
             let value = format!("a list of {} unusable values", half_widths.len());
             let remedy = "give 100 finite numbers from 0 on that do not decrease, the last above 0";
-            return Err(fault("half-widths", value, remedy));
+            return Err(OutOfRange::new("half-widths", value, remedy).into());
         }
         Ok(Self { half_widths })
     }
@@ -66,7 +67,7 @@ impl PooledIntervals {
     /// Half the width of the central interval of probability `p`, in sigmas; linear between the table's entries.
     ///
     /// # Errors
-    /// [`Error::Config`] unless `p` is within 0.01 and 0.99, the range of the table.
+    /// [`Config`](crate::Error::Config) unless `p` is within 0.01 and 0.99, the range of the table.
     pub fn half_width(&self, p: f64) -> Result<f64> {
         check(p)?;
         let place = p * Self::STEPS as f64;
@@ -161,14 +162,8 @@ pub fn share_below(quantiles: &[f64], value: f64) -> f64 {
 }
 
 fn check(p: f64) -> Result<()> {
-    match p {
-        0.01..=0.99 => Ok(()),
-        _ => Err(fault("the probability of an interval", p.to_string(), "give one from 0.01 to 0.99")),
-    }
-}
-
-fn fault(field: &'static str, value: String, remedy: &'static str) -> Error {
-    Error::Config { field, value, remedy }
+    let sound = (0.01..=0.99).contains(&p);
+    Ok(OutOfRange::check(sound, "the probability of an interval", &p, "give one from 0.01 to 0.99")?)
 }
 
 fn rises(values: &[f64]) -> bool {

@@ -1,3 +1,4 @@
+use mde_uncertainty::OutOfRange;
 /// Errors of cameras, poses, views and the settings of a warp.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -41,15 +42,8 @@ pub enum Error {
         which: &'static str,
     },
     /// A setting out of its range.
-    #[error("{field} is {value}; {remedy}")]
-    Config {
-        /// Name of the setting.
-        field: &'static str,
-        /// The value at fault.
-        value: String,
-        /// How to mend it.
-        remedy: &'static str,
-    },
+    #[error(transparent)]
+    Config(#[from] OutOfRange),
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
@@ -58,10 +52,7 @@ pub enum Error {
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// An [`Error::Config`] unless `value` is a number in `ends`, both included.
+/// An [`OutOfRange`] unless `value` is a number in `ends`, both included.
 pub(crate) fn in_range(field: &'static str, value: f64, ends: [f64; 2], remedy: &'static str) -> Result<()> {
-    match (ends[0]..=ends[1]).contains(&value) {
-        true => Ok(()),
-        false => Err(Error::Config { field, value: value.to_string(), remedy }),
-    }
+    Ok(OutOfRange::check((ends[0]..=ends[1]).contains(&value), field, &value, remedy)?)
 }

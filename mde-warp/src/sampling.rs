@@ -1,5 +1,6 @@
 use crate::error::in_range;
-use crate::{Error, Pose, Result};
+use crate::{Pose, Result};
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::random::CounterRng;
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
@@ -36,7 +37,7 @@ impl ViewSampling {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Config`] with the first field at fault.
+    /// [`Config`](crate::Error::Config) with the first field at fault.
     pub fn validate(&self) -> Result<()> {
         let fraction = "give 0 to 0.5 (of the median depth; 0.01 to 0.02 is usual)";
         let degrees = "give 0 to 30 (degrees; about 1 is usual)";
@@ -73,13 +74,11 @@ impl ViewSampling {
 /// ```
 ///
 /// # Errors
-/// [`Error::Config`] for a setting out of its range, or a median depth that is not finite and positive.
+/// [`Config`](crate::Error::Config) for a setting out of its range, or a median depth that is not finite and positive.
 pub fn sample_poses(sampling: &ViewSampling, median_depth: f64, seed: u64) -> Result<Vec<Pose>> {
     sampling.validate()?;
-    if !(median_depth.is_finite() && median_depth > 0.0) {
-        let remedy = "give a finite depth > 0 (is every pixel of the prior missing?)";
-        return Err(Error::Config { field: "median depth", value: median_depth.to_string(), remedy });
-    }
+    let remedy = "give a finite depth > 0 (is every pixel of the prior missing?)";
+    OutOfRange::check(median_depth.is_finite() && median_depth > 0.0, "median depth", &median_depth, remedy)?;
     let moving = sampling.count - (sampling.count as f64 * sampling.rotation_only).floor() as usize;
     let mut start = CounterRng::new(seed, "view-spiral", 0, 0);
     let phase = TAU * start.random::<f64>();

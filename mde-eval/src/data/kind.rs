@@ -1,6 +1,7 @@
 use super::files::{find_scenes, layout};
 use super::{CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunRgbd};
 use crate::{Error, Result};
+use mde_uncertainty::OutOfRange;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -95,7 +96,7 @@ pub struct Options {
 /// # Errors
 /// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
 pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result<Box<dyn DataSet>> {
-    let fault = |value: String, remedy| Err(Error::config("the data set's folder", value, remedy));
+    let fault = |value: String, remedy| Err(OutOfRange::new("the data set's folder", value, remedy).into());
     let fov = options.assumed_fov;
     let [width, height] = options.size.unwrap_or([640, 480]);
     let data: Box<dyn DataSet> = match (kind, root) {

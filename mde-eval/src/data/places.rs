@@ -1,5 +1,6 @@
 use super::{DataSet, Sample};
 use crate::{Error, Result};
+use mde_uncertainty::OutOfRange;
 use std::collections::BTreeMap;
 
 /// A data set whose scenes show the places of a list: for data sets without a record of which images are of one room.
@@ -17,7 +18,7 @@ pub struct Placed {
 pub fn parse_places(text: &str) -> Result<BTreeMap<String, String>> {
     let mut places = BTreeMap::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')) {
-        let fault = |remedy| Err(Error::config("a line of the places", format!("`{line}`"), remedy));
+        let fault = |remedy| Err(OutOfRange::new("a line of the places", format!("`{line}`"), remedy).into());
         let Some((scene, place)) = line.split_once(char::is_whitespace) else {
             return fault("write a scene, white space, and its place");
         };

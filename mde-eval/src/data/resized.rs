@@ -1,6 +1,7 @@
 use super::{DataSet, Sample};
-use crate::{Error, Result};
+use crate::Result;
 use mde_prior::resample::{nearest, shrink};
+use mde_uncertainty::OutOfRange;
 use mde_warp::PosedView;
 
 /// A data set at another size, such as the paper's 640 x 480.
@@ -18,11 +19,11 @@ impl Resized {
     /// The scenes of `data` in `width` x `height` pixels.
     ///
     /// # Errors
-    /// [`Error::Config`] for a size of 0.
+    /// [`Config`](crate::Error::Config) for a size of 0.
     pub fn new(data: Box<dyn DataSet>, width: usize, height: usize) -> Result<Self> {
         if width.min(height) == 0 {
             let value = format!("{width}x{height}");
-            return Err(Error::config("the size", value, "use at least 1x1 pixels"));
+            return Err(OutOfRange::new("the size", value, "use at least 1x1 pixels").into());
         }
         Ok(Self { data, width, height })
     }

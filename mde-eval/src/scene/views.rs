@@ -4,6 +4,7 @@ use crate::capture::{Capture, CapturedView, POSE_NOISES, direction, disturbed};
 use crate::error::check;
 use crate::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use crate::{Error, Result};
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::random::{CounterRng, derived_seed};
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
@@ -138,7 +139,7 @@ impl World {
                 |k: u32| f64::from(k.div_ceil(2)) * if k.is_multiple_of(2) { -1.0 } else { 1.0 } * PI / 36.0;
             let Some(angle) = (0..72).map(|k| nominal + step(k)).find(free) else {
                 let remedy = "use a smaller baseline or fewer views; the room has no space for the cameras";
-                return Err(Error::config("baseline", config.baseline, remedy));
+                return Err(OutOfRange::new("baseline", config.baseline, remedy).into());
             };
             taken.push(angle);
             poses.push(pose(angle));

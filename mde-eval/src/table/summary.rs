@@ -2,6 +2,7 @@ use super::Entry;
 use crate::score::{METRICS, Metric};
 use crate::statistics::{Bootstrap, Estimate};
 use crate::{Error, Result};
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::statistics::{average_ranks, median};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -76,11 +77,13 @@ impl Summary {
             }
             if *places.entry(&entry.scene).or_insert(entry.place()) != entry.place() {
                 let value = format!("{} for {}", entry.place(), entry.scene);
-                return Err(Error::config("place", value, "give each scene one place"));
+                return Err(OutOfRange::new("place", value, "give each scene one place").into());
             }
             if !seen.insert((&entry.method, &entry.scene, entry.seed)) {
                 let value = format!("{} on {}, twice", entry.method, entry.scene);
-                return Err(Error::config("an entry", value, "give each scene, method and seed once"));
+                return Err(
+                    OutOfRange::new("an entry", value, "give each scene, method and seed once").into()
+                );
             }
         }
         for metric in METRICS {

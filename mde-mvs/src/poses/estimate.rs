@@ -7,7 +7,8 @@ use super::{
     neighbours, reference_first, shared_error_factor, tracks,
 };
 use crate::statistics::is_flat;
-use crate::{Callback, Error, Result};
+use crate::{Callback, Result};
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2, Vector2};
@@ -138,10 +139,10 @@ pub struct Estimated {
 /// callback counts the pairs of photographs as they are compared.
 ///
 /// # Errors
-/// [`Error::Config`] for fewer than two photographs, a reference that is none of them or has no
+/// [`Config`](crate::Error::Config) for fewer than two photographs, a reference that is none of them or has no
 /// prior, or a photograph with a side below 16 pixels;
-/// [`Error::View`] for a camera that is not of its image's or its prior's size;
-/// [`Error::Interrupted`].
+/// [`View`](crate::Error::View) for a camera that is not of its image's or its prior's size;
+/// [`Interrupted`](crate::Error::Interrupted).
 pub fn estimate_poses(
     photographs: &[PoseInput],
     reference: usize,
@@ -150,7 +151,7 @@ pub fn estimate_poses(
 ) -> Result<Estimated> {
     let sorted = reference_first(photographs, reference)?;
     if photographs[reference].prior.is_none() {
-        return Err(Error::config("prior of the reference", "missing", "give its depth"));
+        return Err(OutOfRange::new("prior of the reference", "missing", "give its depth").into());
     }
     let shots = FeatureImage::all(&sorted, MAX_FEATURES)?;
     let features: Vec<&Features> = shots.iter().map(|shot| &shot.features).collect();

@@ -42,9 +42,10 @@ pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, MatchPair, Prepared, ScaleMatches, common_scale};
 
-use crate::{Callback, Error, Result, centre, check_map, notify};
+use crate::{Callback, Result, centre, check_map, notify};
 use bundle::Lens;
 use features::Features;
+use mde_uncertainty::OutOfRange;
 use mde_warp::PinholeCamera;
 use nalgebra::{Point2, Vector2};
 use ndarray::{ArrayView2, ArrayView3, CowArray, Ix2};
@@ -142,10 +143,12 @@ impl<'a> FeatureImage<'a> {
 /// The reference, then the others in the order given.
 fn reference_first<'a>(photographs: &[PoseInput<'a>], reference: usize) -> Result<Vec<PoseInput<'a>>> {
     if photographs.len() < 2 {
-        return Err(Error::config("number of photographs", photographs.len(), "give at least 2"));
+        return Err(OutOfRange::new("number of photographs", photographs.len(), "give at least 2").into());
     }
     if reference >= photographs.len() {
-        return Err(Error::config("reference", reference, "give the index of one of the photographs"));
+        return Err(
+            OutOfRange::new("reference", reference, "give the index of one of the photographs").into()
+        );
     }
     let mut sorted = photographs.to_vec();
     sorted[..=reference].rotate_right(1);

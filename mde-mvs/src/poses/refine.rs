@@ -7,6 +7,7 @@ use super::{
     centre, compared, neighbours, reference_first, shared_error_factor, tracks,
 };
 use crate::{Callback, Error, Result};
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -83,7 +84,7 @@ pub fn refine_poses(
 ) -> Result<Refined> {
     let sorted = reference_first(photographs, reference)?;
     if poses.len() != photographs.len() {
-        return Err(Error::config("number of poses", poses.len(), "give one for each photograph"));
+        return Err(OutOfRange::new("number of poses", poses.len(), "give one for each photograph").into());
     }
     let mut numbers = poses.iter().flat_map(|p| p.translation.vector.iter().chain(p.rotation.coords.iter()));
     if !numbers.all(|x| x.is_finite()) {

@@ -28,6 +28,7 @@ pub mod views;
 pub mod withheld;
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
@@ -225,10 +226,10 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
     match surfaces {
         Surfaces::Planes { near, far } => {
             if !(near > 0.0 && near.is_finite()) {
-                return Err(Error::config("near", near, "give a positive depth"));
+                return Err(OutOfRange::new("near", near, "give a positive depth").into());
             }
             if far.is_nan() || far <= near {
-                return Err(Error::config("far", far, "give a depth beyond near"));
+                return Err(OutOfRange::new("far", far, "give a depth beyond near").into());
             }
             // Infinity itself has no depth: the farthest plane is then at a thousand times the nearest.
             let least = if far.is_finite() { far.recip() } else { 1e-3 / near };
@@ -237,11 +238,13 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
         Surfaces::Around { depth, factor } | Surfaces::Ladder { depth, factor } => {
             check_map("depth", depth.dim(), &from.camera)?;
             if !(factor > 1.0 && factor.is_finite()) {
-                return Err(Error::config("factor", factor, "give a number above 1"));
+                return Err(OutOfRange::new("factor", factor, "give a number above 1").into());
             }
             let good = |z: f32| z > 0.0 && z.is_finite();
-            let middle = median(depth.iter().filter(|z| good(**z)).map(|&z| f64::from(z)))
-                .ok_or_else(|| Error::config("depth", "nowhere positive", "give a depth map with values"))?;
+            let middle =
+                median(depth.iter().filter(|z| good(**z)).map(|&z| f64::from(z))).ok_or_else(|| {
+                    OutOfRange::new("depth", "nowhere positive", "give a depth map with values")
+                })?;
             let inverse = |&z: &f32| if good(z) { z.recip() } else { middle.recip() as f32 };
             let logarithmic = matches!(surfaces, Surfaces::Ladder { .. });
             Ok((depth.iter().map(inverse).collect(), [factor.recip(), factor], logarithmic))
@@ -351,12 +354,12 @@ mod tests {
     fn what_cannot_be_swept_is_named() {
         let (views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &CENTRES[..2]);
         let planes = Surfaces::Planes { near: 2.0, far: 1.0 };
-        assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::Config { field: "far", .. })));
+        assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::Config(at) if at.field == "far")));
         let planes = Surfaces::Planes { near: 1.0, far: 2.0 };
         assert!(matches!(sweep(&views, 0, &[0], planes), Err(Error::TooFewViews { .. })));
         assert!(matches!(sweep(&views, 0, &[9], planes), Err(Error::Reference { .. })));
         let around = Surfaces::Around { depth: depths[0].view(), factor: 1.0 };
-        assert!(matches!(sweep(&views, 0, &[1], around), Err(Error::Config { field: "factor", .. })));
+        assert!(matches!(sweep(&views, 0, &[1], around), Err(Error::Config(at) if at.field == "factor")));
         let mut views = views;
         views[1].mask = Array2::from_elem((3, 4), true).into_shared();
         assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::View(_))));

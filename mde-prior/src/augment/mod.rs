@@ -36,8 +36,9 @@ pub use flip::flip_average;
 pub use plan::{Plan, Predictions};
 
 use crate::at_once::AtOnce;
-use crate::error::{check, same_size};
+use crate::error::same_size;
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
+use mde_uncertainty::OutOfRange;
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip, s};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -132,7 +133,7 @@ impl AugmentationConfig {
             ("augmentation.sharpen", self.sharpen, 4.0, "give 0 to 4"),
             ("augmentation.bilateral-width", self.bilateral_width, 0.25, "give 0 to 0.25 of the image width"),
         ] {
-            check((0.0..=most).contains(&value), field, &value, remedy)?;
+            OutOfRange::check((0.0..=most).contains(&value), field, &value, remedy)?;
         }
         Ok(())
     }

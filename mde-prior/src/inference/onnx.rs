@@ -386,7 +386,8 @@ impl DepthPrior for OnnxPrior {
             let focal = fov.map(|fov| self.focal(&fov, &frame)).transpose()?;
             let inverse = focal.map(|focal| frame.input.1 as f32 / focal);
             let camera = camera.or(focal.map(|focal| Output { shape: vec![1], values: vec![focal] }));
-            let mask = mask.map(|mask| Ok(self.map(mask, &frame)?.mapv(|m| m > 0.5))).transpose()?;
+            let mask =
+                mask.map(|mask| self.map(mask, &frame)).transpose()?.map(|mask| mask.mapv(|m| m > 0.5));
             let certainty = certainty.map(|(meaning, values)| -> Result<_> {
                 let map = self.map(values, &frame)?;
                 Ok(Certainty { meaning, map: resize(map.view(), (height, width), Filter::Bilinear) })

@@ -1,8 +1,9 @@
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::statistics::quantile_sorted;
 use ndarray::{Array2, ArrayView2, Zip};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{check, same_size};
+use crate::error::same_size;
 use crate::{Error, Result};
 
 /// The rule that turns disparity of unknown scale and shift into positive depth.
@@ -58,13 +59,15 @@ impl DisparityRule {
     /// # Errors
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
+        let check = OutOfRange::check;
         let Self { near, far, low, high } = *self;
         let positive = near.is_finite() && near >= f64::from(f32::MIN_POSITIVE);
         check(positive, "disparity.near", &near, "give the nearest depth of the scene, above 0")?;
         let farther = far > near && far <= f64::from(f32::MAX);
         check(farther, "disparity.far", &far, "give the farthest depth of the scene, above disparity.near")?;
         check((0.0..1.0).contains(&low), "disparity.low", &low, "give a quantile in [0, 1)")?;
-        check(high > low && high <= 1.0, "disparity.high", &high, "give a quantile in (disparity.low, 1]")
+        check(high > low && high <= 1.0, "disparity.high", &high, "give a quantile in (disparity.low, 1]")?;
+        Ok(())
     }
 
     /// Depth `[height, width]` in `[near, far]` of an affine disparity map; 0 where `valid` is false or the value is

@@ -7,6 +7,7 @@ mod hub;
 mod profiles;
 pub mod spec;
 
+use mde_uncertainty::OutOfRange;
 use ndarray::{Array2, ArrayView3, Zip};
 use serde::{Deserialize, Serialize};
 
@@ -95,9 +96,10 @@ impl std::str::FromStr for DepthKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let (value, remedy) = (format!("{name:?}"), "give metric, depth or disparity");
         let mut kinds = [Self::Metric, Self::RelativeDepth, Self::AffineDisparity].into_iter();
-        kinds.find(|kind| kind.to_string() == name).ok_or(Error::Config { field: "kind", value, remedy })
+        kinds.find(|kind| kind.to_string() == name).ok_or_else(|| {
+            OutOfRange::new("kind", format!("{name:?}"), "give metric, depth or disparity").into()
+        })
     }
 }
 

@@ -1,10 +1,10 @@
 //! Input and output format of a model: a small TOML file beside the model, or a named profile.
 
+use mde_uncertainty::OutOfRange;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::check;
 use crate::resample::Filter;
 use crate::{DepthKind, Error, FileKind, PriorDepth, Result, open};
 
@@ -215,6 +215,7 @@ impl ModelSpec {
     /// # Errors
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
+        let check = OutOfRange::check;
         for (field, side) in [("width", self.width), ("height", self.height)] {
             check((1..=8192).contains(&side), field, &side, "give an input size of 1 to 8192 pixels")?;
         }

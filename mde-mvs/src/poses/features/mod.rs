@@ -9,7 +9,8 @@ mod descriptor;
 mod extrema;
 mod scale_space;
 
-use crate::{Error, Result};
+use crate::Result;
+use mde_uncertainty::OutOfRange;
 use nalgebra::Point2;
 use ndarray::{Array2, ArrayView3, Axis};
 use rayon::prelude::*;
@@ -45,7 +46,7 @@ impl Features {
     /// The `max_features` strongest features of an `[h, w, 3]` image of sRGB colours in \\( [0, 1] \\).
     ///
     /// # Errors
-    /// [`Error::Config`] for an image with another number of channels than 3 or a side below 16 pixels.
+    /// [`Config`](crate::Error::Config) for an image with another number of channels than 3 or a side below 16 pixels.
     pub(super) fn detect(image: ArrayView3<f32>, max_features: usize) -> Result<Self> {
         Self::detect_within(image, max_features, FINEST_PIXELS)
     }
@@ -62,11 +63,13 @@ impl Features {
     fn detect_within(image: ArrayView3<f32>, max_features: usize, finest_pixels: usize) -> Result<Self> {
         let (height, width, channels) = image.dim();
         if channels != 3 {
-            return Err(Error::config("image channels", channels, "give red, green and blue"));
+            return Err(OutOfRange::new("image channels", channels, "give red, green and blue").into());
         }
         if height.min(width) < 16 {
             let side = height.min(width);
-            return Err(Error::config("smaller side of a photograph", side, "give 16 pixels or more"));
+            return Err(
+                OutOfRange::new("smaller side of a photograph", side, "give 16 pixels or more").into()
+            );
         }
         let space = ScaleSpace::new(image, finest_pixels);
         let mut found = extrema::find(&space);

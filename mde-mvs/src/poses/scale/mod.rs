@@ -15,9 +15,10 @@ pub use matches::{MatchPair, ScaleMatches};
 use super::matching::match_features;
 use super::two_view::{Motion, relative_pose};
 use super::{FeatureImage, PoseInput, REGIONS};
+use crate::Result;
 use crate::statistics::robust_deviation;
-use crate::{Error, Result};
 use graph::Laplacian;
+use mde_uncertainty::OutOfRange;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use nalgebra::{Point2, Point3};
@@ -71,11 +72,11 @@ impl Prepared {
     /// Finds at most so many features; the photograph needs a prior.
     ///
     /// # Errors
-    /// [`Error::Config`] for an image too small for features, or no prior;
-    /// [`Error::View`] for a camera that is not of the image's or the prior's size.
+    /// [`Config`](crate::Error::Config) for an image too small for features, or no prior;
+    /// [`View`](crate::Error::View) for a camera that is not of the image's or the prior's size.
     pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
         let FeatureImage { features, lens, prior } = FeatureImage::new(photograph, max_features)?;
-        let missing = || Error::config("prior", "missing", "give each photograph its depth");
+        let missing = || OutOfRange::new("prior", "missing", "give each photograph its depth");
         let prior = Some(prior.ok_or_else(missing)?.into_owned().into());
         Ok(Self(FeatureImage { features, lens, prior }))
     }
@@ -140,7 +141,7 @@ fn depth_log_ratios(
 /// depend on the order of the ratios.
 ///
 /// # Errors
-/// [`Error::Config`] for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
+/// [`Config`](crate::Error::Config) for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
 /// that is not finite, or whose deviation is not from 1e-100 to 1e100.
 pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFactor>> {
     let mut sorted = Vec::with_capacity(ratios.len());
@@ -152,7 +153,7 @@ pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFa
                 "give the indices of two photographs, a finite ratio, and a sigma from 1e-100 to 1e100";
             let LogRatio { first, second, log, sigma } = ratio;
             let value = format!("{log} of {first} and {second}, with sigma {sigma}");
-            return Err(Error::config("ratio", value, remedy));
+            return Err(OutOfRange::new("ratio", value, remedy).into());
         }
         sorted.push(match ratio.first < ratio.second {
             true => *ratio,

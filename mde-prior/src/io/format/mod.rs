@@ -21,13 +21,13 @@ mod png_text;
 
 pub use depth_png::{DepthPng, confidence, confidence_formula};
 
+use mde_uncertainty::OutOfRange;
 use std::path::Path;
 
 use ndarray::{Array2, ArrayView2};
 
 use super::open::{self, FileKind};
 use super::write_atomic;
-use crate::error::check;
 use crate::{Error, Result};
 
 /// Most pixels of a map; more is a broken header.
@@ -348,7 +348,8 @@ fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {
 }
 
 fn check_scale(field: &'static str, scale: f64) -> Result<()> {
-    check(scale.is_finite() && scale > 0.0, field, &scale, "give a positive number of steps per unit")
+    let positive = scale.is_finite() && scale > 0.0;
+    Ok(OutOfRange::check(positive, field, &scale, "give a positive number of steps per unit")?)
 }
 
 /// Checks a size from a header before memory is allocated for it.

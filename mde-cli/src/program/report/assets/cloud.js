@@ -18,7 +18,7 @@ function cloud({ layers, maps, photo }) {
   };
   const sorted = Float32Array.from(maps.relative.filter((s) => s > 0)).sort();
   const start = { turn: 0.26, tilt: 0.12, zoom: 0.9 };
-  const state = { ...start, colour: "photo", source: "refined", most: Infinity, surface: false };
+  const state = { ...start, colour: "photo", source: "refined", most: 0, surface: false };
   const points = {};
 
   /** x, y, z of every pixel of a map; z = 0 where it is missing. */
@@ -160,7 +160,7 @@ function cloud({ layers, maps, photo }) {
 
   const most = make("output", { id: "cloud-most" });
   const threshold = make("input", {
-    id: "cloud-sigma", type: "range", min: "0", max: "100", value: "100", "aria-label": "Hide points above this sigma / depth",
+    id: "cloud-sigma", type: "range", min: "0", max: "100", value: "80", "aria-label": "Hide points above this sigma / depth",
     oninput: limit,
   });
   function limit() {

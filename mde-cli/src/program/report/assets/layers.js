@@ -88,8 +88,9 @@ async function runLayers() {
   const { prior, refined, sigma } = maps;
   maps.prior_sigma = prior.map((d) => (d > 0 ? Math.hypot(report.prior_error[0], report.prior_error[1] * d) : 0));
   const both = prior.map((p, i) => (p > 0 && refined[i] > 0 ? 1 : 0));
-  const ends = [quantiles(prior, [0.01, 0.99]), quantiles(refined, [0.01, 0.99])];
-  const depths = [Math.min(ends[0][0], ends[1][0]), Math.max(ends[0][1], ends[1][1])];
+  const compared = [prior, refined, ...(maps.truth && unit === "m" ? [maps.truth] : [])];
+  const ends = compared.map((values) => quantiles(values, [0.01, 0.99])).filter(([low]) => low > 0);
+  const depths = [Math.min(...ends.map(([low]) => low)), Math.max(...ends.map(([, high]) => high))];
   const positive = (values) => (place) => values[place] > 0;
   const difference = refined.map((r, i) => (both[i] ? r - prior[i] : 0));
   // Differences below a thousandth of the depth do not get full colours.
@@ -101,12 +102,11 @@ async function runLayers() {
     image: { label: "Photograph", canvas: photo.canvas, smooth: true },
     prior: { label: "Prior", values: prior, ramp: spectral, range: depths, unit, known: positive(prior) },
     refined: { label: "Refined", values: refined, ramp: spectral, range: depths, unit, known: positive(refined) },
-    sigma: { label: "Sigma", values: sigma, ramp: magma, range: spread(quantiles(sigma, [0.05, 0.95])), unit, known: positive(sigma) },
     relative: { label: "Sigma / depth", values: relative, ramp: magma, range: [0, 30], unit: "%", known: positive(relative) },
     difference: { label: "Refined − prior", values: difference, ramp: diverging, range: [-largest, largest], unit, signed: true, known: (place) => both[place] === 1 },
   };
   if (maps.truth) {
-    layers.truth = { label: "Truth", values: maps.truth, ramp: spectral, range: quantiles(maps.truth, [0.01, 0.99]), unit: "m", known: positive(maps.truth) };
+    layers.truth = { label: "Truth", values: maps.truth, ramp: spectral, range: unit === "m" ? depths : quantiles(maps.truth, [0.01, 0.99]), unit: "m", known: positive(maps.truth) };
   }
   const alignment = report.record.scores?.by_alignment[report.record.scores.shown];
   if (maps.truth && alignment) {
@@ -131,10 +131,4 @@ async function runLayers() {
 /** A depth on the truth's scale. */
 function align(depth, { space, scale, shift, floor }) {
   return space === "disparity" ? 1 / Math.max(scale / depth + shift, floor) : scale * depth + shift;
-}
-
-/** A range wide enough that a nearly constant map does not look like noise. */
-function spread([low, high]) {
-  const least = 0.02 * Math.abs(high);
-  return high - low >= least ? [low, high] : [high - least, high + least];
 }

@@ -60,17 +60,17 @@ function photographSection({ layers }) {
   if (capture.withheld_pixels) {
     about.push(`Withheld matches are off by ${number(capture.withheld_pixels[0], 2)} pixels with the given poses, ${number(capture.withheld_pixels[1], 2)} with the refined (at 640 pixels).`);
   }
-  if (capture.focal_factor && Math.abs(capture.focal_factor - 1) > 1e-9) about.push(`The assumed focal length was multiplied by ${number(capture.focal_factor)}.`);
+  if (capture.focal_factor && Math.abs(capture.focal_factor - 1) > 1e-9) about.push(`The matches multiplied the assumed focal length by ${number(capture.focal_factor)}.`);
   const held = capture.withheld_colours;
-  if (held) about.push(`A check: through the depth of the others, ${held.name} is explained with a colour error of ${number(held.found)}; through the prior, ${number(held.prior)}.`);
+  if (held) about.push(`A check: moved to ${held.name} with the depth of the others, their colours are ${percent(held.found)} off; with the prior's, ${percent(held.prior)}.`);
   if (capture.fallback) about.push(`The photograph was refined alone: ${capture.fallback}.`);
   const tiles = capture.photographs.map((photograph, index) => photographTile(photograph, index));
   section("Photographs", about.join(" "), make("div", { class: "gallery photographs" }, tiles));
   if (layers.evidence) {
     const { origin } = report;
-    const shares = [["the field", origin.field], ["the consensus of the sweeps", origin.consensus], ["the prior alone", origin.prior]]
-      .filter(([, share]) => share > 0).map(([name, share]) => `${name} for ${percent(share)} of the pixels`);
-    const text = `The depth is that of ${shares.join(", ")}. A photograph confirms a pixel where its own depth, found without the field, agrees there and back within a pixel and 10${NBSP}%.`;
+    const shares = [["the radiance field", origin.field], ["the consensus of the sweeps", origin.consensus], ["the prior alone", origin.prior]]
+      .filter(([, share]) => share > 0).map(([name, share]) => `from ${name} (${percent(share)} of the pixels)`);
+    const text = `The depth comes ${shares.join(", ")}. A photograph confirms a pixel where its own depth, found without the field, agrees there and back within a pixel and 10${NBSP}%.`;
     const canvas = make("canvas", { width: report.size[0], height: report.size[1], role: "img", "aria-label": "Number of photographs that confirm each pixel" });
     canvas.getContext("2d").drawImage(layers.evidence.canvas, 0, 0);
     section("Where the depth comes from", text, make("div", { class: "split" }, make("div", { class: "stage" }, canvas), evidenceKey(layers.evidence)));
@@ -110,7 +110,7 @@ function novelSection(capture) {
     : `The field and the moved reference both reach ${percent(novel.compared)} of its pixels, too few for a PSNR.`;
   const honest = novel.withheld
     ? `${name} took no part in the sweeps and the fit; its matches took part in the estimation of the poses.`
-    : `${name} is in the fit, so this shows how well the field explains its photographs, not how it generalises. With more photographs than multi-view.max-views, one that is left out is shown.`;
+    : `${name} is in the fit, so this shows how well the field explains its photographs, not how it generalises. With more photographs than a fit takes, one that is left out is shown.`;
   const picture = (source, title) => make("figure", {}, make("img", { src: source, alt: title }), make("figcaption", { class: "scale" }, title));
   section("A novel view", `${scores} ${honest}`, make("div", { class: "pair" },
     picture(report.novel.image, novel.withheld ? "withheld photograph, in the reference's exposure" : "photograph, in the reference's exposure"),

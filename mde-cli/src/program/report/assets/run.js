@@ -15,8 +15,8 @@ async function runPage(page) {
   const notes = warnings(record.warnings);
   if (notes) page.append(notes);
 
-  const three = ["image", "refined", "relative"].map((name) => figureOf(layers[name], layers[name].label));
-  page.append(make("div", { class: "triptych" }, three));
+  const first = ["image", ...(record.prior?.source === "none" ? [] : ["prior"]), "refined", "relative"];
+  page.append(make("div", { class: "first" }, first.map((name) => figureOf(layers[name], layers[name].label))));
 
   const compare = viewer(scene);
   const hint = "Drag in the image to move the border; point at a pixel to read its values. Ctrl with the wheel, two fingers, or plus and minus zoom; then drag to move the picture. Measured distances are of the refined depth; its common error counts as shared by both ends, their other errors as independent. ";
@@ -24,17 +24,17 @@ async function runPage(page) {
   if (record.capture) photographSection(scene);
 
   const here = new Set(report.files.map((file) => file.name));
-  const fileOf = Object.fromEntries(Object.entries({ image: "image.png", prior: "prior.npy", refined: "depth.npy", sigma: "sigma.npy", truth: "gt.npy", evidence: "evidence.npz" }).filter(([, name]) => here.has(name)));
+  const fileOf = Object.fromEntries(Object.entries({ image: "image.png", prior: "prior.npy", refined: "depth.npy", relative: "sigma.npy", truth: "gt.npy", evidence: "evidence.npz" }).filter(([, name]) => here.has(name)));
   const gallery = make("div", { class: "gallery" }, Object.entries(layers).map(([name, layer]) => tile(name, layer, fileOf[name], () => {
     compare.set("right", name);
     document.getElementById("viewer").scrollIntoView({ block: "center" });
     document.getElementById("viewer").focus({ preventScroll: true });
   })));
-  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile, of depths evenly in the inverse depth, of sigma from the 5th to the 95th; missing pixels are grey. In differences and errors, orange is farther, purple nearer. The files below the maps are in the folder of this page, and not in the page itself.", gallery,
+  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile, of depths evenly in the inverse depth, of sigma / depth to 30 %; missing pixels are grey. In differences and errors, orange is farther, purple nearer. The files below the maps are in the folder of this page, and not in the page itself.", gallery,
     make("div", { class: "charts" }, histogram("Depth", layers.refined), histogram("Sigma / depth", layers.relative)));
 
   section("Point cloud", "Drag to turn, wheel or pinch to zoom; on the keyboard: arrows, plus, minus, 0 to reset.", cloud(scene));
-  if (record.capture && !record.capture.fallback) section("Stages", "Seconds of each stage.", secondsTable(record));
+  section("Stages", null, secondsTable(record));
   if (record.iterations.length > 0) section("Iterations", null, iterationTable(record.iterations, unit));
   const curves = trainingCharts(record.training ?? []);
   if (curves) section("Training", "Loss and PSNR of the rays of a batch, every few steps.", curves);
@@ -46,6 +46,12 @@ async function runPage(page) {
     make("details", {}, make("summary", {}, "Record (run.json)"), make("pre", { tabindex: "0" }, JSON.stringify(record, null, 2))));
   section("Files", null, fileTable(report.files));
 }
+
+/** Rules of alignment, as a sentence has them. */
+const RULES = {
+  none: "nothing", "median-ratio": "the median of ratios", median: "the ratio of medians",
+  "ls-depth": "least-squares scale and shift", "ls-disparity": "least-squares scale and shift of 1 / depth",
+};
 
 /** The most important numbers. */
 function headline(record, maps, unit) {
@@ -71,7 +77,7 @@ function headline(record, maps, unit) {
   const pair = record.scores?.by_alignment[record.scores.shown];
   if (pair) {
     const [before, after] = [pair.prior.abs_rel, pair.refined.abs_rel];
-    cards.unshift(card(`${number(before)} → ${number(after)}`, `AbsRel against the truth: ${verdict(after / before - 1)} (${record.scores.shown} alignment)`));
+    cards.unshift(card(`${number(before)} → ${number(after)}`, `AbsRel against the truth: ${verdict(after / before - 1)} (aligned by ${RULES[record.scores.shown]})`));
   }
   return make("div", { class: "cards" }, cards);
 }
@@ -162,16 +168,22 @@ function iterationTable(iterations, unit) {
     ["PSNR, mean of the views [dB]", ({ fit }) => number(mean(fit.psnr.filter((psnr) => psnr > 0)))],
     ["loss", ({ fit }) => number(fit.loss)],
     ["holes in the views", ({ warp }) => percent(warp.mean_hole_fraction)],
-    ...["warp", "fit", "render", "fuse"].map((stage) => [`${stage} [s]`, (one) => number(one.seconds[stage], 2)]),
   ];
   const heads = [["", ...iterations.map((_, index) => `iteration ${index + 1}`)]];
   return table(heads, rows.map(([label, value]) => [label, ...iterations.map(value)]), "iterations");
 }
 
+/** Seconds of the stages in their order; with the rest, they sum to the whole. */
 function secondsTable(record) {
-  const times = [...Object.entries(record.capture.seconds), ["score", record.score_seconds]];
-  const rows = times.filter(([, value]) => value >= 0.01).map(([stage, value]) => [stage, number(value, 2)]);
-  return table([["stage", "seconds"]], [...rows, ["all", number(record.total_seconds, 3)]], "seconds");
+  const several = record.capture && !record.capture.fallback ? record.capture.seconds : {};
+  const own = (stage) => record.iterations.reduce((sum, one) => sum + one.seconds[stage], several[stage] ?? 0);
+  const times = [
+    ["prior", several.prior ?? record.augmentation?.seconds ?? 0], ["poses", several.poses ?? 0], ["sweeps and consensus", several.sweep ?? 0],
+    ["synthetic views", own("warp")], ["fit of the field", own("fit")], ["rendering", own("render")], ["fusion", own("fuse")], ["scores", record.score_seconds],
+  ];
+  const rest = times.reduce((left, [, value]) => left - value, record.total_seconds);
+  const rows = [...times, ["the rest", rest]].filter(([, value]) => value >= 0.005).map(([stage, value]) => [stage, fixed(value, 2)]);
+  return table([["stage", "seconds"]], [...rows, ["all", fixed(record.total_seconds, 2)]], "seconds");
 }
 
 function trainingCharts(training) {
@@ -183,7 +195,7 @@ function trainingCharts(training) {
 }
 
 function scoreNote(scores) {
-  return `Ground truth: ${scores.truth}. Each map has its own alignment to the truth, named in the heading. Changes of ${percent(0.01, 1)} or more are coloured; a single image is no evidence for a method.`;
+  return `Ground truth: ${scores.truth}. Each map is aligned to the truth by the rule of the heading. Changes of ${percent(0.01, 1)} or more are coloured; a single image is no evidence for a method.`;
 }
 
 function scoreTable(scores) {
@@ -195,7 +207,7 @@ function scoreTable(scores) {
   ];
   const names = [scores.shown, ...Object.keys(scores.by_alignment).filter((name) => name !== scores.shown)];
   const heads = [
-    ["", ...names.map((name) => make("th", { scope: "colgroup", colspan: "2" }, name === "none" ? "no alignment" : `${name} alignment`))],
+    ["", ...names.map((name) => make("th", { scope: "colgroup", colspan: "2" }, name === "none" ? "no alignment" : `by ${RULES[name]}`))],
     ["", ...names.flatMap(() => ["prior", "refined"])],
   ];
   const body = rows.map(([label, key, better]) => [label.replace(/ (?=[↓↑]$)/, NBSP), ...names.flatMap((name) => {

@@ -33,7 +33,7 @@ const EDGES = { prior: "#ff9d1e", refined: "#19e3ff" };
 function viewer({ layers, maps }) {
   const [width, height] = report.size;
   const unit = report.record.unit === "unscaled" ? "" : `${NBSP}${report.record.unit}`;
-  const state = { left: report.record.prior?.source === "none" ? "image" : "prior", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set(), measure: false, ends: [] };
+  const state = { left: report.record.prior?.source === "none" ? "image" : "prior", right: "refined", split: 0.5, at: null, edges: new Set(), measure: false, ends: [] };
   const edges = {};
   /** Upper left corner of the part of the maps that is shown, and how many times larger than the whole it is. */
   const view = { x: 0, y: 0, zoom: 1 };
@@ -48,7 +48,7 @@ function viewer({ layers, maps }) {
     id: "split", type: "range", min: "0", max: "1000", value: "500", "aria-label": "Border between the maps",
     oninput: () => { state.split = slider.value / 1000; draw(); },
   });
-  const readout = make("dl", { id: "readout", "aria-live": "polite" });
+  const readout = make("dl", { id: "readout", "aria-live": "polite" }, make("dt", {}, "Point at a pixel: its values stand here."));
   const scales = make("div", { class: "panel" });
 
   const draw = oncePerFrame(() => {
@@ -77,13 +77,14 @@ function viewer({ layers, maps }) {
       onto(edges[name]);
     }
     bar(context, middle, high, ratio);
-    cross(context, ...on(state.at), ratio);
+    if (state.at) cross(context, ...on(state.at), ratio);
     ruler(context, state.ends.map(on), ratio);
     tags.left.hidden = state.split < 0.12;
     tags.right.hidden = state.split > 0.88;
   });
 
   function read() {
+    if (!state.at) return;
     const [x, y] = state.at;
     const place = y * width + x;
     const depth = (values, sigmas) => {
@@ -229,13 +230,14 @@ function viewer({ layers, maps }) {
     const step = event.shiftKey ? 10 : 1;
     const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
     const move = moves[event.key];
+    const at = state.at ?? [width >> 1, height >> 1];
     if (event.key === "Enter" && state.measure) {
-      state.ends = [...(state.ends.length === 2 ? [] : state.ends), [...state.at]];
+      state.ends = [...(state.ends.length === 2 ? [] : state.ends), [...at]];
     } else if (move) {
-      state.at = [Math.max(0, Math.min(width - 1, state.at[0] + move[0])), Math.max(0, Math.min(height - 1, state.at[1] + move[1]))];
+      state.at = [Math.max(0, Math.min(width - 1, at[0] + move[0])), Math.max(0, Math.min(height - 1, at[1] + move[1]))];
     } else if (["+", "=", "-", "0"].includes(event.key)) {
       const factors = { "+": 1.5, "=": 1.5, "-": 1 / 1.5, 0: 0 };
-      zoomBy(factors[event.key], [0, 1].map((i) => ((state.at[i] + 0.5 - [view.x, view.y][i]) * view.zoom) / report.size[i]));
+      zoomBy(factors[event.key], [0, 1].map((i) => ((at[i] + 0.5 - [view.x, view.y][i]) * view.zoom) / report.size[i]));
     } else if (event.key === "PageUp" || event.key === "PageDown") {
       state.split = Math.max(0, Math.min(1, state.split + (event.key === "PageUp" ? -0.05 : 0.05)));
       slider.value = String(Math.round(1000 * state.split));
