@@ -227,6 +227,6 @@ mod tests {
         assert!(prior.predict(Array3::zeros((80, 60, 3)).view()).is_err());
         assert!(SimulatedPrior::new(&Array2::zeros((4, 4)), &config()).is_err());
         let bad = SimulatedPriorConfig { blur: f64::NAN, ..config() };
-        assert!(matches!(SimulatedPrior::new(&holes, &bad), Err(Error::Config(at) if at.field == "blur")));
+        assert!(matches!(SimulatedPrior::new(&holes, &bad), Err(Error::Config(at)) if at.field == "blur"));
     }
 }

@@ -1,7 +1,7 @@
 //! Photographs with poses and depths, and the points on which they agree.
 
 use crate::{centre, nearest_pixel};
-use mde_uncertainty::statistics::median;
+use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3, Vector3};
 use ndarray::{Array2, ArrayView2, ArrayView3};
@@ -9,6 +9,8 @@ use rayon::prelude::*;
 
 /// Largest standard deviation, relative to the depth, of a sure pixel.
 pub const LEAST_SURE: f32 = 0.06;
+/// Share of the pixels of a photograph that its cloud and its mesh have at least.
+const SUREST: f64 = 0.8;
 /// Pixels by which the surer half is found.
 const SAMPLES: usize = 100_000;
 /// Nearest photographs into which the points of one are projected.
@@ -34,6 +36,16 @@ impl DepthView<'_> {
     pub fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
         let [z, _] = self.within((row, column), f32::INFINITY)?;
         Some(self.camera.unproject(Point2::new(column as f64, row as f64), f64::from(z)))
+    }
+
+    /// The depth, 0 in the least sure fifth by sigma over depth as far as that is above [`LEAST_SURE`].
+    pub fn surest(&self) -> Array2<f32> {
+        let known = self.depth.iter().zip(self.sigma).filter(|(z, sigma)| **z > 0.0 && sigma.is_finite());
+        let mut relative: Vec<f64> = known.map(|(z, sigma)| f64::from(sigma / z)).collect();
+        // Rounding takes no pixel from those that are alike.
+        let most = 1.0001 * quantile(&mut relative, SUREST).unwrap_or_default() as f32;
+        let kept = |at| self.within(at, most.max(LEAST_SURE)).map_or(0.0, |[z, _]| z);
+        Array2::from_shape_fn(self.depth.dim(), kept)
     }
 
     /// Depth and sigma of a pixel whose sigma is at most [`LEAST_SURE`] of the depth.

@@ -109,8 +109,14 @@ impl ResultFiles<'_> {
     /// [`Error::Prior`] or [`Error::External`] for a file that can't be written.
     pub fn export(&self, format: Format, folder: &Path) -> Result<()> {
         let (view, unit) = (self.view(), self.png.unit);
+        let depth = view.surest();
+        let sure = DepthView { depth: depth.view(), ..view };
         match format {
-            Format::Ply => write_atomic(&folder.join("cloud.ply"), &ply::encode(&view, unit))?,
+            Format::Ply => {
+                let confirmed = self.beside.evidence.iter().find(|(name, _)| *name == "confirmed");
+                let points = ply::encode(&sure, confirmed.map(|(_, map)| *map), unit);
+                write_atomic(&folder.join("cloud.ply"), &points)?;
+            }
             Format::Exr => {
                 // OpenCV reads a luminance or colours alone; Nuke and Blender look for Z.
                 let (depth, sigma) = (view.depth, view.sigma);
@@ -124,7 +130,7 @@ impl ResultFiles<'_> {
             }
             Format::Glb => {
                 let png = encode_rgb_png(view.image.mapv(byte).view())?;
-                write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, png, unit))?;
+                write_atomic(&folder.join("mesh.glb"), &glb::encode(&sure, png, unit))?;
             }
             Format::Transforms => {
                 let (camera, pose) = (view.camera, view.pose);

@@ -26,7 +26,7 @@ use provenance::{about, command_line, peak_memory, write_json, write_record};
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
-use summary::intervals;
+use summary::{intervals, poses_of};
 use terminal::{Partial, columns, fault, flags, line_of, message, number, one_line, partial, print, visible};
 use workers::{caught, lock, side_by_side};
 

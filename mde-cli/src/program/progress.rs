@@ -40,12 +40,14 @@ struct Current {
     counts: Option<[usize; 2]>,
     /// When a line of it was last printed.
     printed: Instant,
+    /// Whether its line stays on a terminal.
+    stays: bool,
 }
 
 impl Current {
     fn new(name: String) -> Self {
         let start = Instant::now();
-        Self { name, start, drawn: None, counts: None, printed: start }
+        Self { name, start, drawn: None, counts: None, printed: start, stays: true }
     }
 
     fn seconds(&self) -> f64 {
@@ -60,11 +62,12 @@ impl Current {
 }
 
 impl Drop for Current {
-    /// On a terminal its line stays, with the time that it took.
+    /// On a terminal its line stays, with the time that it took, but for those of one of many photographs.
     fn drop(&mut self) {
         if self.drawn.is_some() {
             let term = Term::stderr();
-            let _ = term.clear_line().and_then(|()| term.write_line(&self.line("")));
+            let line = |()| if self.stays { term.write_line(&self.line("")) } else { Ok(()) };
+            let _ = term.clear_line().and_then(line);
         }
     }
 }
@@ -141,12 +144,13 @@ impl Progress {
         self.begun.elapsed().as_secs_f64()
     }
 
-    /// Begins another refinement of the same run: its curves, warnings and seconds are its own.
-    pub(crate) fn next(&mut self, what: &str) {
+    /// Begins another refinement of the same run, with estimated seconds `left` for all: its curves, warnings and seconds are its own.
+    pub(crate) fn next(&mut self, what: &str, left: Option<f64>) {
         self.training.clear();
         self.own_warnings.clear();
-        self.begun = Instant::now();
-        self.step(what);
+        (self.begun, self.in_pieces, self.current) = (Instant::now(), true, None);
+        let value = json!({ "event": "begin", "stage": what, "seconds_left": left });
+        self.report(&format!("{what}{}", about(left)), value);
     }
 
     /// Announces a step outside of the loop.
@@ -190,12 +194,12 @@ impl Progress {
             true => format!("iteration {index}/{all}: {}", stage.name()),
             false => stage.name().to_owned(),
         };
-        if self.mode != Mode::Terminal {
+        if self.mode == Mode::Json || self.mode == Mode::Lines && !self.in_pieces {
             let value =
                 json!({ "event": "begin", "stage": stage.name(), "iteration": index, "iterations": all });
             self.report(&name, value);
         }
-        self.current = Some(Current::new(name));
+        self.current.insert(Current::new(name)).stays = !self.in_pieces;
         self.draw("", None);
     }
 
@@ -203,7 +207,7 @@ impl Progress {
         let current = self.current.get_or_insert_with(|| Current::new(stage.name().to_owned()));
         current.counts = Some(counts);
         let left = current.seconds() * all.saturating_sub(done) as f64 / done.max(1) as f64;
-        let due = self.mode == Mode::Lines && current.printed.elapsed() >= LINES;
+        let due = self.mode == Mode::Lines && !self.in_pieces && current.printed.elapsed() >= LINES;
         if due {
             current.printed = Instant::now();
         }
@@ -225,8 +229,7 @@ impl Progress {
             self.draw(text, left);
         } else {
             (value["done"], value["all"], value["seconds_left"]) = (json!(done), json!(all), json!(left));
-            let left = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
-            self.report(&format!("[{done}/{all}] {text}{left}"), value);
+            self.report(&format!("[{done}/{all}] {text}{}", about(left)), value);
         }
         self.print_warnings();
     }
@@ -329,6 +332,10 @@ impl Observer for Progress {
     }
 }
 
+fn about(left: Option<f64>) -> String {
+    left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default()
+}
+
 /// A duration in its two largest units.
 fn duration(seconds: f64) -> String {
     let whole = seconds.round().max(0.0) as u64;
@@ -353,7 +360,7 @@ mod tests {
         let mut progress = Progress::silent();
         progress.warn("of the capture".to_owned());
         for (name, warning) in [("a.png", "resized"), ("b.png", "resized"), ("c.png", "no pose")] {
-            progress.next(name);
+            progress.next(name, None);
             progress.warn(warning.to_owned());
             assert_eq!(progress.own_warnings, [warning], "{name}");
         }

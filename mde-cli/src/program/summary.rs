@@ -4,6 +4,7 @@ use crate::prior::PriorForm;
 use crate::program::{flags, number};
 use crate::refiner::{ErrorBar, Refined};
 use crate::reports::{CaptureReport, PoseSource};
+use mde_prior::ModelSpec;
 use mde_uncertainty::statistics::{median, quantile};
 
 /// What `--interval` adds to each folder of several photographs, as a line; nothing without it.
@@ -63,8 +64,12 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
         (None, true) => format!("{COMMON}, which is not in sigma; --scale-from gives it"),
         (None, false) => String::new(),
     };
+    let network = |spec: &ModelSpec| {
+        format!("network: {}, {}x{}, {}\n", origin.source, spec.width, spec.height, origin.kind)
+    };
     let mut lines = vec![format!(
-        "depth: {change}{scale}\nsigma: median {}{unit}, {} of the depth{assumed}",
+        "{}depth: {change}{scale}\nsigma: median {}{unit}, {} of the depth{assumed}",
+        origin.model.as_ref().map(network).unwrap_or_default(),
         number(median(known), 3),
         percent(median(relative)),
     )];
@@ -84,16 +89,21 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
     lines.join("\n")
 }
 
+/// Where the poses come from.
+pub(crate) fn poses_of(report: &CaptureReport) -> &'static str {
+    match report.poses {
+        PoseSource::Given => "poses as given",
+        PoseSource::Refined => "poses refined",
+        PoseSource::Estimated => "poses estimated",
+    }
+}
+
 /// The photographs that were used, and how the field renders one of them.
 fn photographs(report: &CaptureReport) -> Option<String> {
     if report.fallback.is_some() {
         return None;
     }
-    let poses = match report.poses {
-        PoseSource::Given => "poses as given",
-        PoseSource::Refined => "poses refined",
-        PoseSource::Estimated => "poses estimated",
-    };
+    let poses = poses_of(report);
     let confirmed = report.confirmed.map_or_else(String::new, |share| {
         format!("; another one confirms the depth of {:.0} % of the pixels", 100.0 * share)
     });

@@ -16,9 +16,9 @@ pub(crate) enum Partial {
     /// Some photographs, scenes or methods failed.
     #[error("{failed} of the runs failed ({first}); the others are in {folder}")]
     Runs { failed: usize, first: String, folder: String },
-    /// No further photograph was of use.
-    #[error("{{views}}: {reason}; the depth in {folder} is that of the reference photograph alone")]
-    Views { reason: String, folder: String },
+    /// No photograph was of use to another.
+    #[error("{reason}; the depth in {folder} is that of a photograph alone")]
+    Alone { reason: String, folder: String },
 }
 
 /// The error of a run in whose `folder` some results are missing; none where nothing failed.

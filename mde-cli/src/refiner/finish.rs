@@ -7,7 +7,7 @@ use crate::refinement::scale::ScaleReport;
 use crate::refiner::plausibility::{contradicted, doubts};
 use crate::refiner::{Prepared, Settings, Stated};
 use crate::reports::{CaptureReport, Component, Refinement};
-use crate::scene::{CameraSource, KnownCamera, SameScale, Scene, byte, thumbnail};
+use crate::scene::{KnownCamera, SameScale, Scene, byte, thumbnail};
 use mde_prior::DepthKind;
 use mde_prior::format::DepthPng;
 use mde_uncertainty::statistics::median;
@@ -102,7 +102,7 @@ impl<'s> Prepared<'s> {
         &self,
         mut refinement: Refinement,
         photograph: usize,
-        (image, mut camera): (ArrayView3<'s, f32>, KnownCamera),
+        (image, camera): (ArrayView3<'s, f32>, KnownCamera),
         warn: &mut dyn FnMut(String),
     ) -> Result<Refined<'s>> {
         let (scene, origin) = (self.scene, self.origin());
@@ -119,10 +119,7 @@ impl<'s> Prepared<'s> {
         }
         report.filter(|_| used).and_then(CaptureReport::lens_warning).into_iter().for_each(&mut *warn);
         let estimated = report.filter(|_| used).and_then(|report| report.photographs.get(photograph)?.camera);
-        let sigma = report.and_then(|report| report.focal_sigma);
-        if let Some((found, sigma)) = estimated.filter(|found| *found != camera.camera).zip(sigma) {
-            camera = KnownCamera { camera: found, source: CameraSource::Estimated(sigma) };
-        }
+        let camera = camera.or_estimated(estimated, report.and_then(|report| report.focal_sigma));
         // Refused photographs have no unit.
         let mut unit = self.result_unit();
         if unit == Unit::Capture && used {

@@ -358,8 +358,10 @@ impl<'s> Prepared<'s> {
     }
 
     /// The camera of the reference.
-    pub fn camera(&self) -> &KnownCamera {
-        &self.camera
+    pub fn camera(&self) -> KnownCamera {
+        let several = self.several.as_ref();
+        let found = several.and_then(|several| several.camera(self.scene.reference));
+        self.camera.clone().or_estimated(found, several.and_then(|several| several.report().focal_sigma))
     }
 
     /// Poses and verdicts of several photographs.

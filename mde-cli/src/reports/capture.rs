@@ -10,6 +10,7 @@ use mde_nerf::FitReport;
 use mde_warp::{PinholeCamera, PosedView, matrix_rows};
 use ndarray::Array3;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Verdicts on the photographs that are used.
 const REFERENCE: &str = "the reference";
@@ -170,13 +171,17 @@ impl CaptureReport {
         self.photographs.iter().filter(|photograph| photograph.used).count()
     }
 
-    /// The verdicts on all photographs but the reference.
+    /// The verdicts on all photographs but the reference; of those that differ in numbers alone, the first.
     pub(crate) fn verdicts(&self, reference: usize) -> String {
-        let others = self.photographs.iter().enumerate().filter(|(index, _)| *index != reference);
-        let verdict = |(_, photograph): (usize, &PhotographReport)| {
-            format!("{}: {}", photograph.name, photograph.verdict)
+        let mut alike = BTreeMap::<String, Vec<&PhotographReport>>::new();
+        for (_, one) in self.photographs.iter().enumerate().filter(|(index, _)| *index != reference) {
+            alike.entry(one.verdict.replace(|c: char| c.is_ascii_digit(), "")).or_default().push(one);
+        }
+        let verdict = |group: &Vec<&PhotographReport>| {
+            let more = if group.len() > 1 { format!(" and {} more", group.len() - 1) } else { String::new() };
+            format!("{}{more}: {}", group[0].name, group[0].verdict)
         };
-        others.map(verdict).collect::<Vec<_>>().join("; ")
+        alike.values().map(verdict).collect::<Vec<_>>().join("; ")
     }
 
     /// The report of predictions and poses with another photograph as the one that is refined.

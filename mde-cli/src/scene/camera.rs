@@ -159,6 +159,14 @@ impl KnownCamera {
         format!("focal length {fx:.0} px{sigma} ({degrees:.1} degrees), {source}")
     }
 
+    /// With the focal length that was estimated with the poses, where one was.
+    pub(crate) fn or_estimated(self, found: Option<PinholeCamera>, sigma: Option<f64>) -> Self {
+        match found.filter(|found| *found != self.camera).zip(sigma) {
+            Some((camera, sigma)) => Self { camera, source: CameraSource::Estimated(sigma) },
+            None => self,
+        }
+    }
+
     /// A warning where the camera is assumed.
     pub fn warning(&self) -> Option<String> {
         let CameraSource::Assumed(degrees) = self.source else { return None };

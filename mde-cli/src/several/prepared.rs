@@ -322,8 +322,7 @@ impl<'s> PreparedScene<'s> {
         let reference = &self.scene.photographs[photograph];
         if let (false, Some(reason)) = (stages.serves_one, &report.fallback) {
             return Err(Error::Argument(format!(
-                "{}: {reason}; one photograph alone needs a depth network: give {{prior-model}}",
-                reference.name
+                "{reason}; one photograph alone needs a depth network: give {{prior-model}}"
             )));
         }
         let refined =

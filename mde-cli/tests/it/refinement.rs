@@ -8,8 +8,10 @@ use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, FilePr
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_cli::{Config, Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_eval::baseline::Unsharp;
+use mde_eval::field::FilteredField;
 use mde_eval::scene::{Room, Scene, room};
-use ndarray::{Array2, Array3, ArrayView3, Axis, Zip, s};
+use ndarray::{Array2, Array3, ArrayView3, Axis, s};
 use proptest::prelude::*;
 use std::cell::RefCell;
 use std::ops::ControlFlow;
@@ -335,33 +337,6 @@ fn a_prior_of_another_scale_gives_the_result_of_that_scale() {
     }
 }
 
-/// The first view's depth, changed per pixel by its colour: a field without random draws, equivariant to mirroring.
-#[derive(Default)]
-struct Tinted(Option<PosedView>);
-
-impl RadianceField for Tinted {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
-        self.0 = views.first().cloned();
-        Ok(FitReport::default())
-    }
-
-    fn render(
-        &self,
-        _: &PinholeCamera,
-        pose: &Pose,
-        _: &mut dyn FieldCallback,
-    ) -> mde_nerf::Result<RenderedView> {
-        assert_eq!(*pose, Pose::identity());
-        let view = self.0.as_ref().ok_or(mde_nerf::Error::NotFitted)?;
-        let red = view.image.index_axis(Axis(2), 0);
-        let mean = Zip::from(view.hypotheses[0].mean()).and(red).map_collect(|z, c| z * (0.9 + 0.3 * c));
-        let variance = mean.mapv(|z| (0.03 * z).powi(2));
-        let opacity = Array2::ones(mean.dim());
-        let depth = GaussianDepth::new(mean, variance)?;
-        Ok(RenderedView { image: view.image.to_owned(), depth, opacity, in_bin: None })
-    }
-}
-
 /// Without random draws the loop commutes with mirroring, and the seed has no influence.
 #[test]
 fn a_mirrored_image_gives_the_mirrored_result() {
@@ -374,7 +349,8 @@ fn a_mirrored_image_gives_the_mirrored_result() {
         let run = |image: &Array3<f32>, prior: &Array2<f32>, seed: u64| {
             let camera = PinholeCamera::from_fov(60.0, prior.ncols(), prior.nrows()).unwrap();
             let prior = map(prior);
-            let stages = Stages::new(&prior).with_field(|_| Ok(Box::new(Tinted::default())));
+            let filter = || Box::new(Unsharp { amount: 2.0 });
+            let stages = Stages::new(&prior).with_field(|_| Ok(Box::new(FilteredField::new(filter(), 0))));
             let config = Config { seed, ..config.clone() };
             refine(image.view(), &camera, stages, &config, &mut go_on).unwrap()
         };

@@ -272,6 +272,6 @@ mod tests {
         assert!(SimulatedModel::new(&image, &Array2::ones((3, 3)), config()).is_err());
         let bad = SimulatedModelConfig { own_error: f64::NAN, ..config() };
         let refused = SimulatedModel::new(&image, &depth, bad);
-        assert!(matches!(refused, Err(Error::Config(at) if at.field == "own-error")));
+        assert!(matches!(refused, Err(Error::Config(at)) if at.field == "own-error"));
     }
 }

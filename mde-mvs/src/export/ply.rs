@@ -3,16 +3,20 @@
 use crate::cloud::{ConsistentPoint, DepthView, byte};
 use crate::surface::Surface;
 use nalgebra::{Point3, Vector3};
+use ndarray::ArrayView2;
 
-/// The points of a depth map in the frame of its camera.
-pub fn encode(view: &DepthView<'_>, unit: &str) -> Vec<u8> {
-    let mut cloud = Cloud::default();
+/// The points of a depth map in the frame of its camera; where it is known, with the number of other photographs that confirm each.
+pub fn encode(view: &DepthView<'_>, confirmed: Option<ArrayView2<'_, f32>>, unit: &str) -> Vec<u8> {
+    let mut cloud = Cloud { more: confirmed.map_or("", |_| CONFIRMED), ..Cloud::default() };
     for ((row, column), &sigma) in view.sigma.indexed_iter() {
         let Some(point) = view.point(row, column) else { continue };
-        cloud.push(point, view.normal(row, column, point), view.colour(row, column), sigma, &[]);
+        let confirmed = confirmed.map(|map| map[(row, column)] as u8);
+        cloud.push(point, view.normal(row, column, point), view.colour(row, column), sigma, confirmed);
     }
     cloud.encode("camera frame", unit)
 }
+
+const CONFIRMED: &str = "property uchar confirmed\n";
 
 /// The points that several `views` confirm, with the normals and colours of the pixels that they are of, and the number of other views that
 /// confirm each; `frame` names the world.
@@ -22,13 +26,13 @@ pub fn encode_points(
     frame: &str,
     unit: &str,
 ) -> Vec<u8> {
-    let mut cloud = Cloud { more: "property uchar confirmed\n", ..Cloud::default() };
+    let mut cloud = Cloud { more: CONFIRMED, ..Cloud::default() };
     for found in points {
         let (view, [row, column]) = (&views[found.view], found.pixel);
         let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
         let normal = view.pose.rotation.inverse() * normal;
         let confirmed = u8::try_from(found.confirmed).unwrap_or(u8::MAX);
-        cloud.push(found.position, normal, view.colour(row, column), found.sigma, &[confirmed]);
+        cloud.push(found.position, normal, view.colour(row, column), found.sigma, Some(confirmed));
     }
     cloud.encode(frame, unit)
 }
@@ -38,7 +42,7 @@ pub fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud { triangles: &surface.triangles, ..Cloud::default() };
     for vertex in &surface.vertices {
         let [position, normal] = [vertex.position, vertex.normal].map(|v| Vector3::from(v).cast());
-        cloud.push(position.into(), normal, vertex.colour.map(byte), vertex.sigma, &[]);
+        cloud.push(position.into(), normal, vertex.colour.map(byte), vertex.sigma, None);
     }
     cloud.encode(frame, unit)
 }
@@ -48,14 +52,21 @@ pub fn encode_surface(surface: &Surface, frame: &str, unit: &str) -> Vec<u8> {
 struct Cloud<'t> {
     bytes: Vec<u8>,
     count: usize,
-    /// Further properties of a point, a line each.
+    /// A further property of a point.
     more: &'static str,
     triangles: &'t [[u32; 3]],
 }
 
 impl Cloud<'_> {
-    /// Adds a point with its unit normal, the standard deviation of its depth and the further properties.
-    fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32, more: &[u8]) {
+    /// Adds a point with its unit normal, the standard deviation of its depth and the further property.
+    fn push(
+        &mut self,
+        point: Point3<f64>,
+        normal: Vector3<f64>,
+        colour: [u8; 3],
+        sigma: f32,
+        more: Option<u8>,
+    ) {
         let numbers = point.coords.iter().chain(&normal).map(|v| *v as f32);
         numbers.for_each(|number| self.bytes.extend(number.to_le_bytes()));
         self.bytes.extend(colour);
@@ -93,6 +104,7 @@ impl Cloud<'_> {
 mod tests {
     use super::*;
     use crate::export::tests::{SIZE, triangle, with_plane};
+    use ndarray::Array2;
 
     #[test]
     fn a_surface_has_its_vertices_and_triangles() {
@@ -106,15 +118,18 @@ mod tests {
     #[test]
     fn a_planes_points_lie_on_it_and_their_normals_face_the_camera() {
         with_plane(|scene| {
-            let bytes = encode(scene, "m");
+            let counts = Array2::from_shape_fn(SIZE, |(_, x)| x as f32);
+            let bytes = encode(scene, Some(counts.view()), "m");
             let end = b"end_header\n";
             let start = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
             let header = std::str::from_utf8(&bytes[..start]).unwrap();
             let count = SIZE.0 * SIZE.1 - 1;
             assert!(header.contains(&format!("element vertex {count}\n")), "{header}");
-            assert_eq!(bytes.len() - start, count * 31);
+            assert!(header.contains(CONFIRMED) && !encode(scene, None, "m").starts_with(&bytes[..start]));
+            assert_eq!(bytes.len() - start, count * 32);
+            assert_eq!([bytes[start + 31], bytes[start + 63]], [0, 1]);
             let expected = Vector3::new(0.5, 0.0, -1.0).normalize();
-            for vertex in bytes[start..].chunks_exact(31) {
+            for vertex in bytes[start..].chunks_exact(32) {
                 let number = |place: usize| {
                     f64::from(f32::from_le_bytes(vertex[place..place + 4].try_into().unwrap()))
                 };

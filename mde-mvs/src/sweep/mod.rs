@@ -354,12 +354,12 @@ mod tests {
     fn what_cannot_be_swept_is_named() {
         let (views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &CENTRES[..2]);
         let planes = Surfaces::Planes { near: 2.0, far: 1.0 };
-        assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::Config(at) if at.field == "far")));
+        assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::Config(at)) if at.field == "far"));
         let planes = Surfaces::Planes { near: 1.0, far: 2.0 };
         assert!(matches!(sweep(&views, 0, &[0], planes), Err(Error::TooFewViews { .. })));
         assert!(matches!(sweep(&views, 0, &[9], planes), Err(Error::Reference { .. })));
         let around = Surfaces::Around { depth: depths[0].view(), factor: 1.0 };
-        assert!(matches!(sweep(&views, 0, &[1], around), Err(Error::Config(at) if at.field == "factor")));
+        assert!(matches!(sweep(&views, 0, &[1], around), Err(Error::Config(at)) if at.field == "factor"));
         let mut views = views;
         views[1].mask = Array2::from_elem((3, 4), true).into_shared();
         assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::View(_))));

@@ -132,8 +132,9 @@ fn run_every(
     let Some(several) = prepared.several() else {
         return Err(Error::Argument(format!("{input}: one photograph; give two or more of one place")));
     };
+    let camera = prepared.camera();
     let record = EveryRecord {
-        about: about("dense", refiner, input.to_owned(), prepared.camera(), &watch, start),
+        about: about("dense", refiner, input.to_owned(), &camera, &watch, start),
         unit: prepared.unit(),
         photographs: &rows,
         poses: several.report(),

@@ -253,9 +253,6 @@ pub(crate) struct RenderArgs {
 #[derive(Debug, Args)]
 #[command(after_help = include_str!("help/bench.txt").trim_end())]
 pub(crate) struct BenchArgs {
-    /// Only this field: hash-8x4 (that of the presets) or mlp-4x128
-    #[arg(long, value_name = "NAME")]
-    pub(crate) field: Option<String>,
     /// Seconds per stage
     #[arg(long, default_value_t = 0.5, value_name = "SECONDS")]
     pub(crate) seconds: f64,

@@ -127,10 +127,9 @@ pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
 
 /// `FX` or `FX,FY`.
 pub(super) fn focal(text: &str) -> Result<(f64, Option<f64>), String> {
-    let (fx, fy) = text.split_once(',').map_or((text, None), |(fx, fy)| (fx, Some(fy)));
-    let number =
-        |text: &str| text.trim().parse().map_err(|_| "give pixels, such as 520 or 520,521".to_owned());
-    Ok((number(fx)?, fy.map(number).transpose()?))
+    let one = || numbers(text).map(|[fx]| (fx, None));
+    let found = numbers(text).map(|[fx, fy]| (fx, Some(fy))).or_else(one);
+    found.ok_or_else(|| "give pixels, such as 520 or 520,521".to_owned())
 }
 
 pub(super) fn depth_range(text: &str) -> Result<[f64; 2], String> {

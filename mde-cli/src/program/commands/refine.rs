@@ -45,7 +45,8 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     };
     let unused = job.run(&scene, &plan, &input, &folder, &mut progress)?;
     let folder = line_of(folder.path());
-    unused.map_or(Ok(()), |reason| Err(Partial::Views { reason, folder }.into()))
+    unused
+        .map_or(Ok(()), |reason| Err(Partial::Alone { reason: format!("--views: {reason}"), folder }.into()))
 }
 
 pub(super) fn dense(args: &DenseArgs) -> Result<()> {

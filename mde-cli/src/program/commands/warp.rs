@@ -32,7 +32,8 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         write_views(path, &views)?;
         mde_prior::write_atomic(&path.join("config.toml"), refiner.settings().config.to_toml()?.as_bytes())?;
         let input = args.image.display().to_string();
-        let about = about("warp", input, prepared.camera(), Some(refiner.settings()), &progress);
+        let camera = prepared.camera();
+        let about = about("warp", input, &camera, Some(refiner.settings()), &progress);
         write_record(path, about, json!({ "prior": prepared.origin(), "warp": warp }))
     })?;
     let text = format!(

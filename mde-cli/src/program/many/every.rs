@@ -9,7 +9,10 @@ use crate::output::record::{About, versions};
 use crate::program::many::{finish, finished, mark};
 use crate::program::report::{INDEX, every_page};
 use crate::program::store::{OpenFolder, OutputFolder, RECORD};
-use crate::program::{DenseArgs, Job, Progress, about, interrupt, intervals, message, number, write_json};
+use crate::program::{
+    DenseArgs, Job, Partial, Progress, about, flags, interrupt, intervals, line_of, message, number,
+    poses_of, write_json,
+};
 use crate::refiner::plan::{MOST_GATHERED, gathered_bytes};
 use crate::refiner::{Observer, Plan};
 use crate::scene::{Photograph, Scene};
@@ -19,6 +22,7 @@ use mde_mvs::capture::COLMAP_FUSION;
 use mde_mvs::cloud::DepthView;
 use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use mde_prior::resample::{nearest, shrink};
+use mde_uncertainty::statistics::median;
 use ndarray::{Array2, CowArray};
 use serde_json::json;
 use std::fs;
@@ -55,23 +59,26 @@ pub(crate) fn run(
     let prior_seconds = prepared.prior_seconds();
     let photographs = scene.photographs.iter().map(|photograph| Path::new(&photograph.name));
     let folders = folders(photographs, &OF_ALL);
-    let (mut rows, mut placed) = (Vec::<PhotographRow>::new(), Vec::new());
+    let (mut rows, mut placed, mut refining) = (Vec::<PhotographRow>::new(), Vec::new(), Vec::new());
+    let is_here = |folder: &&String| args.shard.is_none_or(|shard| shard.has(folder));
     for (index, (photograph, folder)) in scene.photographs.iter().zip(&folders).enumerate() {
-        if args.shard.is_some_and(|shard| !shard.has(folder)) {
+        if !is_here(&folder) {
             continue;
         }
         let (place, made_from) = (output.join(folder), format!("{of_all} {folder}"));
         let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
         let row = match finished(&place, &made_from).filter(|_| !args.common.run.force) {
             Some(row) => {
-                progress.next(&format!("{counted}: finished before"));
+                progress.next(&format!("{counted}: finished before"), None);
                 row
             }
             None => {
                 // Those of an earlier run are of other maps than the photograph will have.
                 let list = format!("{WORKSPACE}/{COLMAP_FUSION}");
                 OF_ALL.iter().chain([&&*list]).for_each(|name| drop(fs::remove_file(output.join(name))));
-                progress.next(&counted);
+                let rest = folders[index..].iter().filter(is_here).count();
+                let left = median(refining.iter().copied()).map(|each| each * rest as f64);
+                progress.next(&counted, left);
                 let (name, start) = (&photograph.name, Instant::now());
                 let mut row = PhotographRow { folder: Some(folder.clone()), ..PhotographRow::new(name) };
                 let refined = OutputFolder::new(&place, true).and_then(|folder| {
@@ -81,6 +88,7 @@ pub(crate) fn run(
                         mark(path, &made_from, &row)
                     })
                 });
+                refining.push(start.elapsed().as_secs_f64());
                 match refined {
                     Ok(_) => row,
                     Err(error) if interrupt::requested() => return Err(error),
@@ -140,11 +148,12 @@ pub(crate) fn run(
     let Some(several) = prepared.several() else {
         bail!("{input}: one photograph; give two or more of one place")
     };
+    let camera = prepared.camera();
     let record = EveryRecord {
         about: About {
             warnings: &progress.warnings,
             total_seconds: progress.seconds(),
-            ..about("dense", input, prepared.camera(), Some(settings), progress)
+            ..about("dense", input, &camera, Some(settings), progress)
         },
         unit: prepared.unit(),
         photographs: &rows,
@@ -154,8 +163,11 @@ pub(crate) fn run(
     };
     write_json(&output.join(RECORD), &record)?;
     let tables = Document { blocks: vec![Block::Table(table(&rows))] };
-    let more = format!("{points} points in {CLOUD}\n{more}");
-    finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)
+    let (camera, unit, poses) = (flags(&camera.title()), prepared.unit(), poses_of(several.report()));
+    let more = format!("camera: {camera}\nunit: {unit}; {poses}\n{points} points in {CLOUD}\n{more}");
+    finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)?;
+    let alone = rows.iter().find_map(|row| row.reason.clone()).filter(|_| placed.is_empty());
+    alone.map_or(Ok(()), |reason| Err(Partial::Alone { reason, folder: line_of(output) }.into()))
 }
 
 /// A map of the folder of a photograph, at that size.

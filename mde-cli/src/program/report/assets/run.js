@@ -63,6 +63,8 @@ function headline(record, maps, unit) {
     card(percent(median), `typical change of the depth (median); 90${NBSP}% of pixels changed by less than ${percent(most)}`),
     card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `median sigma: ${percent(quantiles(relative, [0.5])[0])} of the depth${assumed(record)}`),
   ];
+  const scale = record.error_bar?.scale;
+  if (scale) cards.push(card(`± ${percent(scale.relative, 3)}`, `all depths may be off by one common factor (${scale.by})`));
   const predictions = record.augmentation?.predictions ?? 1;
   if (predictions > 1) cards.push(card(String(predictions), planOf(record.augmentation)));
   if (last) cards.push(card(percent(last.fusion.nerf_weight), "weight of the field in the result; the rest is the prior"));
