@@ -172,8 +172,8 @@ def doctor(mde, model, library):
     """The profile's size or why there is none, the verdict, and seconds of a prediction by each runtime."""
     command = [mde, "doctor", "--prior-model", model, "--runtime", library]
     run = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "100000"})
-    profile = re.search(r"^profile *(\{.*\})$", run.stdout, re.M)
-    seconds = re.findall(r"^runtime .*?: ([0-9.]+) s for one prediction", run.stdout, re.M)
+    profile = re.search(r"^network .*: ([0-9]+x[0-9]+), ([a-z]+)$", run.stdout, re.M)
+    seconds = re.findall(r"^runtime .*?: ([0-9.]+) s a prediction", run.stdout, re.M)
     if run.returncode == 0:
         verdict = "works"
     else:
@@ -182,8 +182,7 @@ def doctor(mde, model, library):
         verdict = f"{name} ({correlation[1]})" if correlation else f"fails: {last_line(run.stderr)[:120]}"
     if profile is None:
         return "no", verdict, seconds
-    spec = json.loads(profile[1])
-    return f"{spec['output']}, {spec['width']}x{spec['height']}, {spec['aspect']}", verdict, seconds
+    return f"{profile[2]}, {profile[1]}", verdict, seconds
 
 
 def refine(mde, model, photograph, output, more):

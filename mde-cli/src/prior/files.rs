@@ -134,6 +134,9 @@ fn has_eight_bits(path: &Path, grey: bool) -> bool {
 /// What a file is that is often taken for a network, and what to do.
 #[cfg(feature = "onnx")]
 fn no_network(path: &Path) -> Option<&'static str> {
+    if ["http:", "https:"].iter().any(|scheme| path.starts_with(scheme)) {
+        return Some("an address; download the file, and give its path");
+    }
     let mut bytes = Vec::new();
     open::open(path, FileKind::Network).ok()?.take(512).read_to_end(&mut bytes).ok()?;
     let begins = |with: &str| bytes.trim_ascii_start().to_ascii_lowercase().starts_with(with.as_bytes());

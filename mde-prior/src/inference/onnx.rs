@@ -163,6 +163,9 @@ impl OnnxPrior {
         let outline = call(path, || Outline::read(path)).unwrap_or_default();
         let (spec, by) = match outline.profile() {
             Some(name) => (ModelSpec::profile(name)?, RecognisedBy::Graph),
+            None if outline.outputs.is_empty() && ModelSpec::guess(path).is_err() => {
+                return Err(Error::malformed(path, "no ONNX graph, or only a part of one; get it again"));
+            }
             None => (ModelSpec::guess(path)?, RecognisedBy::Name),
         };
         if spec.aspect == Aspect::Pad && outline.outputs.iter().any(|name| name == "predicted_depth") {

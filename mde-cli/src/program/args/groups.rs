@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Several photographs")]
 pub(crate) struct RefinementArgs {
-    /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
+    /// Photographs that refine one at most, itself included: the best by parallax, overlap and sharpness; default: 8
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=64))]
     pub(crate) max_views: Option<u16>,
     /// Unit of depth and sigma: the prior's, or that of the capture's poses
@@ -58,7 +58,7 @@ pub(crate) struct NetworkArgs {
     /// Format of the network: a profile's name or a .toml; default: MODEL.toml beside MODEL.onnx, else by its folder, graph or name
     #[arg(long, help_heading = "Advanced", value_name = "NAME|FILE", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// What the values are; by default that of the profile, and metric for a map whose metadata name no other unit
+    /// What the values are; by default what the profile says, and metric for a map that names no other unit
     #[arg(long, value_name = "KIND", value_parser = choice(KINDS))]
     pub(crate) prior_kind: Option<DepthKind>,
     /// Depth = value / X for a map; default: the scale in its metadata, else 1000 for 16-bit PNG and 1 for floats
@@ -74,7 +74,7 @@ pub(crate) struct NetworkArgs {
 
 /// The pinhole camera.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Camera (without: EXIF, else 60 degrees)")]
+#[command(next_help_heading = "Camera (default: EXIF, else 60 degrees, which several photographs correct)")]
 pub(crate) struct CameraArgs {
     /// Intrinsics: a 3x3 matrix as text, or JSON with fx, fy, cx, cy
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
@@ -136,7 +136,7 @@ pub(crate) struct SettingsArgs {
     /// Seed of all random draws; default: that of the settings, 0
     #[arg(long, help_heading = "Advanced", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
-    /// Fit no field
+    /// Leave out the radiance field: several times faster, less exact
     #[arg(long)]
     pub(crate) no_nerf: bool,
     /// Network predictions per photograph (whole, mirrored, crops): auto or a number; 1: the whole image alone
@@ -151,7 +151,7 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Error bar")]
 pub(crate) struct ResultArgs {
-    /// Also write lower.npy and upper.npy, an interval meant to contain the true depth with this probability
+    /// Also write lower.npy and upper.npy: an interval that is to hold the true depth with this probability, such as 0.9
     #[arg(long, value_name = "P", value_parser = probability)]
     pub(crate) interval: Option<f64>,
     /// Calibration file of `mde calibrate`: scales sigma and intervals

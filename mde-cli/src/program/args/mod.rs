@@ -132,8 +132,8 @@ pub(crate) struct RefineArgs {
     /// More photographs, folders and lists
     #[arg(value_name = "MORE")]
     pub(crate) more: Vec<PathBuf>,
-    /// After IMAGE: further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
-    /// transforms.json, a COLMAP model, a TUM sequence
+    /// After IMAGE: further photographs of the same still scene (files, folders, patterns), whose poses are estimated. Or one capture with
+    /// poses: transforms.json, a COLMAP model, a TUM sequence
     #[arg(long, help_heading = "Several photographs", value_name = "PATH", num_args = 1..)]
     pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]

@@ -1,7 +1,6 @@
 //! `mde doctor`: checks of the machine and of a model.
 
 use crate::config::Preset;
-use crate::output::record::versions;
 use crate::prior::OpenPrior;
 use crate::program::open::prior;
 use crate::program::{DoctorArgs, NetworkArgs, columns, line_of, message, visible};
@@ -10,7 +9,7 @@ use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};
 use mde_eval::table::wrapped;
 use mde_prior::augment::Plan;
-use mde_prior::predict_each;
+use mde_prior::{ModelSpec, predict_each};
 use std::io::{self, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -20,12 +19,10 @@ use std::time::Instant;
 const USUAL: (usize, usize) = (480, 640);
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
-    let crates: Vec<String> = versions().iter().map(|(name, version)| format!("{name} {version}")).collect();
-    let models = if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" };
+    let networks = if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" };
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
-    print("program", &crates.join(", "));
-    print("models", models);
-    print("machine", &format!("{} {}, {cores} processors", std::env::consts::OS, std::env::consts::ARCH));
+    let machine = format!("{} {}, {cores} processors", std::env::consts::OS, std::env::consts::ARCH);
+    print("program", &format!("mde {}; {machine}; networks: {networks}", env!("CARGO_PKG_VERSION")));
     args.prior_model.as_ref().map_or(Ok(()), |path| model(path, args))
 }
 
@@ -37,15 +34,15 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         prior::network(path, &format)
     };
     let prior = open("tract")?;
-    print("model", &line_of(path));
-    if let Some(spec) = &prior.origin().model {
-        print("profile", &format!("{}x{}, {}", spec.width, spec.height, spec.output));
-    }
+    let format = |spec: &ModelSpec| format!(": {}x{}, {}", spec.width, spec.height, spec.output);
+    let format = prior.origin().model.as_ref().map(format).unwrap_or_default();
+    print("network", &(line_of(path) + &format));
     time(&prior)?;
     if cfg!(feature = "onnxruntime") {
-        let other = args.runtime.as_deref().filter(|runtime| *runtime != "tract").unwrap_or("onnxruntime");
-        if let Err(error) = open(other).and_then(|prior| time(&prior)) {
-            print("runtime", &message(&error));
+        let other = args.runtime.as_deref().filter(|runtime| *runtime != "tract");
+        match open(other.unwrap_or("onnxruntime")).and_then(|prior| time(&prior)) {
+            Err(error) if other.is_some() => print("runtime", &message(&error)),
+            _ => {}
         }
     }
     verdict(path, &prior)
@@ -68,8 +65,7 @@ fn time(prior: &OpenPrior<'_>) -> Result<()> {
     print(
         "runtime",
         &format!(
-            "{}: {alone:.3} s for one prediction, {seconds:.3} s for {at_once} at once; for a photograph of {}x{} the preset default needs {predictions} \
-             predictions, about {:.1} s",
+            "{}: {alone:.3} s a prediction; a photograph of {}x{} takes {predictions} by default, about {:.1} s",
             prior.origin().runtime.as_deref().unwrap_or("-"),
             USUAL.1,
             USUAL.0,
@@ -93,9 +89,9 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
     }
     let each: Vec<_> = trial.rooms.iter().map(|tried| format!("{:.2}", tried.correlation)).collect();
     let what = format!("Spearman's correlation with the true depth of {} procedural rooms", each.len());
-    print("trial", &format!("{what}: {}", each.join(", ")));
+    let what = format!("{what}: {}", each.join(", "));
     match trial.order() {
-        Order::True => print("verdict", "the model works here"),
+        Order::True => print("verdict", &format!("works here. {what}")),
         Order::Swapped => bail!(prior.origin().swapped(trial.mean())),
         Order::Chance => bail!(
             "{}: its depth does not agree with the rooms' beyond chance (mean correlation {:.2}); check the profile and the weights",

@@ -2,7 +2,7 @@
 
 /** Bytes of a point: three coordinates of 16 bits, a colour, the number of photographs that confirm it. */
 const POINT = 10;
-/** Length of a camera's pyramid and, at zoom 1, the viewer's distance, in radii of the cloud. */
+/** Length of a camera's pyramid and, at zoom 1, the viewer's distance, in radii of cloud and cameras. */
 const PYRAMID = 0.09, DISTANCE = 2.2;
 
 function captureView() {
@@ -20,7 +20,10 @@ function captureView() {
   }
   const pivot = [0, 1, 2].map((axis) => quantiles(xyz.filter((_, i) => i % 3 === axis), [0.5])[0]);
   const apart = Float32Array.from({ length: count }, (_, i) => Math.hypot(...pivot.map((p, axis) => xyz[3 * i + axis] - p)));
-  const radius = quantiles(apart, [0.8])[0] || 1;
+  const centres = report.cameras.map((camera) => pyramid(camera.lens, frame, 0)[0]);
+  const cameras = Float32Array.from(centres, (centre) => Math.hypot(...pivot.map((p, axis) => centre[axis] - p)));
+  // One camera far off does not make the rest small.
+  const radius = Math.max(quantiles(apart, [0.8])[0] || 0, quantiles(cameras, [0.9])[0] || 0) || 1;
   const sigmas = Float32Array.from(report.cameras, (camera) => camera.sigma ?? 0);
   const [doubtful] = quantiles(sigmas, [0.8]);
   const pyramids = report.cameras.map((camera) => ({ ...camera, corners: pyramid(camera.lens, frame, PYRAMID * radius) }));
