@@ -6,10 +6,11 @@ async function runPage(page) {
   const scene = await runLayers();
   const { layers, maps } = scene;
 
+  const { camera } = record, degrees = (360 / Math.PI) * Math.atan((0.5 * camera.width) / camera.fx);
   const about = [
     record.preset && `preset ${record.preset}`, record.seed !== undefined && `seed ${record.seed}`,
     `${report.full[0]} × ${report.full[1]} pixels`, record.unit === "unscaled" ? "depth without a unit" : `depth in ${record.unit}`,
-    seconds(record.total_seconds), `mde ${record.versions["mde-cli"]}`,
+    `focal length ${number(camera.fx)} px (${number(degrees)}°), ${camera.source}`, seconds(record.total_seconds), `mde ${record.versions["mde-cli"]}`,
   ].filter(Boolean);
   page.append(make("h1", {}, report.title), make("p", { class: "soft" }, about.join(" · ")), headline(record, maps, unit));
   const notes = warnings(record.warnings);
@@ -183,9 +184,11 @@ function secondsTable(record) {
     ["prior", several.prior ?? record.augmentation?.seconds ?? 0], ["poses", several.poses ?? 0], ["sweeps and consensus", several.sweep ?? 0],
     ["synthetic views", own("warp")], ["fit of the field", own("fit")], ["rendering", own("render")], ["fusion", own("fuse")], ["scores", record.score_seconds],
   ];
-  const rest = times.reduce((left, [, value]) => left - value, record.total_seconds);
-  const rows = [...times, ["the rest", rest]].filter(([, value]) => value >= 0.005).map(([stage, value]) => [stage, fixed(value, 2)]);
-  return table([["stage", "seconds"]], [...rows, ["all", fixed(record.total_seconds, 2)]], "seconds");
+  const known = times.reduce((sum, [, value]) => sum + value, 0);
+  // Photographs of a capture share stages that the seconds of one do not have.
+  const all = Math.max(known, record.total_seconds);
+  const rows = [...times, ["the rest", all - known]].filter(([, value]) => value >= 0.005).map(([stage, value]) => [stage, fixed(value, 2)]);
+  return table([["stage", "seconds"]], [...rows, ["all", fixed(all, 2)]], "seconds");
 }
 
 function trainingCharts(training) {
