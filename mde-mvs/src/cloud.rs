@@ -208,6 +208,19 @@ mod tests {
         }
     }
 
+    /// As far as they are above the bound; what is alike stays together.
+    #[test]
+    fn the_least_sure_fifth_is_left_out() {
+        let depth = Array2::from_shape_fn(SIZE, |(y, x)| 1.0 + 0.1 * (x + y) as f32);
+        let kept = |sigma: &dyn Fn(usize) -> f32| {
+            let sigma = Array2::from_shape_fn(SIZE, |(y, x)| sigma(x) * depth[(y, x)]);
+            view(0.0, &depth, &sigma).surest().outer_iter().next().unwrap().map(|z| *z > 0.0)
+        };
+        assert!(kept(&|_| 0.15).into_iter().all(|kept| kept));
+        assert!(kept(&|x| if x < 2 { 0.05 } else { 0.01 }).into_iter().all(|kept| kept));
+        assert!(kept(&|x| if x < 2 { 0.5 } else { 0.15 }).into_iter().eq((0..SIZE.1).map(|x| x >= 2)));
+    }
+
     #[test]
     fn only_what_two_photographs_show_is_kept_and_each_surface_once() {
         let (mut depth, sigma) = (Array2::from_elem(SIZE, 2.0_f32), Array2::from_elem(SIZE, 0.05_f32));
