@@ -85,7 +85,7 @@ pub(crate) fn run(
                     job.produce(&mut prepared, index, name, &folder, progress, |path, refined, _| {
                         row.measure(refined);
                         row.seconds = start.elapsed().as_secs_f64();
-                        mark(path, &made_from, &row, refined)
+                        mark(path, &made_from, &row)
                     })
                 });
                 refining.push(start.elapsed().as_secs_f64());

@@ -2,6 +2,7 @@
 
 use crate::output::every::PhotographRow;
 use crate::output::record::versions;
+use crate::program::many::item::THUMBNAIL;
 use crate::program::report::photographs_page;
 use crate::program::{command_line, write_json};
 use anyhow::Result;
@@ -18,7 +19,7 @@ pub(super) const FILES: [&str; 3] = [RECORD, PAGE, TABLE];
 /// Writes the index of those of `all` photographs that have been tried. Each file appears whole.
 pub(super) fn write(folder: &Path, rows: &[&PhotographRow], all: usize) -> Result<()> {
     mde_prior::write_atomic(&folder.join(TABLE), &csv(rows)?)?;
-    let page = photographs_page(rows, all, &[TABLE, RECORD], None);
+    let page = photographs_page(rows, all, THUMBNAIL, &[TABLE, RECORD], None);
     mde_prior::write_atomic(&folder.join(PAGE), page.as_bytes())?;
     let record =
         json!({ "versions": versions(), "command_line": command_line(), "all": all, "photographs": rows });

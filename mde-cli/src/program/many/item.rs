@@ -14,13 +14,15 @@ use crate::refiner::{Observer, Plan, Refined, Refiner, Silent};
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::Result;
 use mde_mvs::poses::Prepared as Matched;
-use mde_prior::photo::decode_image;
+use mde_prior::photo::{decode_image, write_image};
 use mde_prior::resample::shrink;
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Photograph, depth and sigma, small.
+pub(super) const THUMBNAIL: &str = "thumbnail.png";
 const HEIGHT: usize = 120;
 /// Photographs that are prepared for one scale, and then compared, side by side.
 const CHUNK: usize = 16;
@@ -120,10 +122,11 @@ impl Common<'_> {
         let mut row = PhotographRow { folder, same_scale_group, ..PhotographRow::new(&shown) };
         let target = OutputFolder::new(&place, true)?;
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
+            write_image(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
             row.measure(refined);
             row.warnings = progress.own_warnings.clone();
             row.seconds = start.elapsed().as_secs_f64();
-            mark(path, &made_from, &row, refined)
+            mark(path, &made_from, &row)
         })?;
         Ok(row)
     }
@@ -161,7 +164,7 @@ impl Common<'_> {
 }
 
 /// Photograph, depth and sigma / depth side by side.
-pub(super) fn thumbnail(refined: &Refined<'_>) -> Result<Array3<f32>> {
+fn thumbnail(refined: &Refined<'_>) -> Result<Array3<f32>> {
     let (rows, columns, _) = refined.image.dim();
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =

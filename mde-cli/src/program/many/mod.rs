@@ -9,16 +9,14 @@ mod item;
 use crate::config::Preset;
 use crate::output::every::PhotographRow;
 use crate::output::names::folders;
-use crate::program::many::item::{Common, Item, settings_of, thumbnail};
+use crate::program::many::item::{Common, Item, settings_of};
 use crate::program::open::{photographs, prior, refinement_settings};
-use crate::program::report::THUMBNAIL;
 use crate::program::store::{ENTRY, Entry, OpenFolder, check_own, folders_in, list_files};
 use crate::program::workers::{caught, lock, side_by_side};
 use crate::program::{Job, Progress, RefineArgs, interrupt, intervals, line_of, partial};
-use crate::refiner::{Observer, Refined, Refiner};
+use crate::refiner::{Observer, Refiner};
 use anyhow::{Result, bail, ensure};
 use mde_eval::table::Document;
-use mde_prior::photo::write_image;
 use mde_prior::{FileKind, open};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -45,9 +43,8 @@ fn finished(place: &Path, made_from: &str) -> Option<PhotographRow> {
     (entry.made_from == made_from).then_some(PhotographRow { kept: true, ..entry.row })
 }
 
-/// Marks a folder as finished, after all its other files, with a small picture for the index.
-fn mark(folder: &Path, made_from: &str, row: &PhotographRow, refined: &Refined<'_>) -> Result<()> {
-    write_image(folder.join(THUMBNAIL), thumbnail(refined)?.view())?;
+/// Marks a folder as finished, after all its other files.
+fn mark(folder: &Path, made_from: &str, row: &PhotographRow) -> Result<()> {
     list_files(folder)?;
     Entry::write(folder, ENTRY, made_from.into(), row.clone())
 }

@@ -5,14 +5,12 @@ use crate::program::number;
 use crate::program::report::page::{STYLE, escaped};
 use std::fmt::Write as _;
 
-/// Photograph, depth and sigma / depth of each, side by side.
-pub(crate) const THUMBNAIL: &str = "thumbnail.png";
-
-/// The page of those of `all` photographs that a run has so far, the least sure first, each in a folder with [`THUMBNAIL`], beside `files`;
+/// The page of those of `all` photographs that a run has so far, the least sure first, each in a folder with `picture`, beside `files`;
 /// `view` stands above the table.
 pub(crate) fn photographs_page(
     rows: &[&PhotographRow],
     all: usize,
+    picture: &str,
     files: &[&str],
     view: Option<&str>,
 ) -> String {
@@ -28,7 +26,7 @@ pub(crate) fn photographs_page(
         let shown = row.folder.as_deref().map_or_else(String::new, |folder| {
             let folder = quoted(folder);
             format!(
-                "<a href=\"{folder}/{}\"><img loading=\"lazy\" src=\"{folder}/{THUMBNAIL}\" alt=\"{name}: photograph, depth, sigma\" style=\"max-width: min(42rem, 88vw)\"></a>",
+                "<a href=\"{folder}/{}\"><img loading=\"lazy\" src=\"{folder}/{picture}\" alt=\"{name}: photograph, depth, sigma\" style=\"max-width: min(42rem, 88vw)\"></a>",
                 super::FILE
             )
         });
@@ -86,13 +84,13 @@ mod tests {
         };
         let rows = [row("a", Some(0.1), None), row("b", Some(0.3), None), row("c", None, Some("no & such"))];
         let rows = rows.each_ref();
-        let html = photographs_page(&rows, 3, &["index.csv"], None);
+        let html = photographs_page(&rows, 3, "small.png", &["index.csv"], None);
         assert!(html.contains("<h1>3 photographs</h1>"), "{html}");
-        let partial = photographs_page(&rows[..2], 3, &["index.csv"], None);
+        let partial = photographs_page(&rows[..2], 3, "small.png", &["index.csv"], None);
         assert!(partial.contains("<h1>2 of 3 photographs, so far</h1>"), "{partial}");
         let at = |name: &str| html.find(&format!("<td>&lt;{name}&gt;&quot;<br>")).unwrap();
         assert!(at("c") < at("b") && at("b") < at("a"), "{html}");
-        assert!(html.contains("failed: no &amp; such") && html.contains("src=\"a/thumbnail.png\""), "{html}");
+        assert!(html.contains("failed: no &amp; such") && html.contains("src=\"a/small.png\""), "{html}");
         assert!(html.contains("href=\"b/report.html\"") && html.contains("href=\"index.csv\""), "{html}");
         assert_eq!((html.matches("<img").count(), html.matches("<a>").count()), (2, 0));
     }

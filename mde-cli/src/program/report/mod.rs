@@ -8,7 +8,7 @@ mod page;
 mod run;
 
 pub(crate) use evaluation::{FIGURES, PICTURE};
-pub(crate) use index::{THUMBNAIL, photographs_page};
+pub(crate) use index::photographs_page;
 
 use crate::output::every::{CLOUD, MESHES, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
@@ -32,7 +32,7 @@ pub(crate) fn every_page(folder: &Path, rows: &[PhotographRow]) -> Result<String
     let files: Vec<&str> = files.into_iter().filter(there).collect();
     let view = capture::view(folder, rows)?;
     let rows: Vec<&PhotographRow> = rows.iter().collect();
-    Ok(photographs_page(&rows, rows.len(), &files, view.as_deref()))
+    Ok(photographs_page(&rows, rows.len(), "preview.png", &files, view.as_deref()))
 }
 
 /// Writes the page of a run's or an evaluation's folder into it, atomically; of a whole capture also those of its photographs.
