@@ -41,7 +41,7 @@ impl DepthView<'_> {
     /// The depth, 0 in the least sure fifth by sigma over depth as far as that is above [`LEAST_SURE`].
     pub fn surest(&self) -> Array2<f32> {
         let known = self.depth.iter().zip(self.sigma).filter(|(z, sigma)| **z > 0.0 && sigma.is_finite());
-        let mut relative: Vec<f64> = known.map(|(z, sigma)| f64::from(sigma / z)).collect();
+        let mut relative: Vec<f32> = known.map(|(z, sigma)| sigma / z).collect();
         // Rounding takes no pixel from those that are alike.
         let most = 1.0001 * quantile(&mut relative, SUREST).unwrap_or_default() as f32;
         let kept = |at| self.within(at, most.max(LEAST_SURE)).map_or(0.0, |[z, _]| z);

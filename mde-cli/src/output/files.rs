@@ -109,8 +109,8 @@ impl ResultFiles<'_> {
     /// [`Error::Prior`] or [`Error::External`] for a file that can't be written.
     pub fn export(&self, format: Format, folder: &Path) -> Result<()> {
         let (view, unit) = (self.view(), self.png.unit);
-        let depth = view.surest();
-        let sure = DepthView { depth: depth.view(), ..view };
+        let surest = matches!(format, Format::Ply | Format::Glb).then(|| view.surest());
+        let sure = DepthView { depth: surest.as_ref().map_or(view.depth, |depth| depth.view()), ..view };
         match format {
             Format::Ply => {
                 let confirmed = self.beside.evidence.iter().find(|(name, _)| *name == "confirmed");

@@ -58,7 +58,7 @@ pub(crate) struct NetworkArgs {
     /// Format of the network: a profile's name or a .toml; default: MODEL.toml beside MODEL.onnx, else by its folder, graph or name
     #[arg(long, help_heading = "Advanced", value_name = "NAME|FILE", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// What the values are; by default what the profile says, and metric for a map that names no other unit
+    /// What the values are; default: the kind of the profile, metric for a map without a unit in its metadata
     #[arg(long, value_name = "KIND", value_parser = choice(KINDS))]
     pub(crate) prior_kind: Option<DepthKind>,
     /// Depth = value / X for a map; default: the scale in its metadata, else 1000 for 16-bit PNG and 1 for floats
