@@ -143,8 +143,8 @@ impl KnownCamera {
     pub fn title(&self) -> String {
         let PinholeCamera { fx, width, .. } = self.camera;
         let source = match &self.source {
-            CameraSource::Flags | CameraSource::FieldOfView(_) => "given",
-            CameraSource::File(_) => "from its file",
+            CameraSource::Flags | CameraSource::FieldOfView(_) => "given, taken as exact",
+            CameraSource::File(_) => "from its file, taken as exact",
             CameraSource::Exif(_) => "from the photograph's EXIF",
             CameraSource::Network => "the network's estimate; give {fov} if known",
             CameraSource::Assumed(_) => "assumed; give {fov} if known",

@@ -4,7 +4,7 @@ use crate::config::Preset;
 use crate::program::open::scene::size;
 use crate::program::open::{Opener, existing, limit, prior, sizes};
 use crate::program::store::{NewFolder, check_new_file};
-use crate::program::{PosesArgs, Progress, line_of, number};
+use crate::program::{PosesArgs, Progress, flags, line_of, number};
 use crate::refiner::{Observer, Refiner, Settings};
 use crate::reports::CaptureReport;
 use anyhow::{Context, Result, bail, ensure};
@@ -53,11 +53,10 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     report.lens_warning().into_iter().for_each(|warning| progress.warn(warning));
     mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
-    let focal = report.focal_factor.zip(report.focal_sigma).map_or_else(String::new, |(factor, sigma)| {
-        format!("focal length: {factor:.2} of the assumed one, +- {:.0} %\n", 100.0 * sigma)
-    });
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
-    let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
+    let camera = flags(&prepared.camera().title());
+    let text =
+        format!("camera: {camera}\n{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
     let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor, "focal_sigma": report.focal_sigma,
         "poses_seconds": report.seconds.poses });
     progress.done(&Document { blocks: vec![Block::Table(table(report))] }, &text, target, value);
