@@ -54,9 +54,10 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
-    let camera = flags(&prepared.camera().title());
-    let text =
-        format!("camera: {camera}\n{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
+    // At the size of the file, as in the transforms.json.
+    let original = scene.photographs[scene.reference].original;
+    let camera = flags(&prepared.camera().resized(original)?.title());
+    let text = format!("camera: {camera}\n{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
     let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor, "focal_sigma": report.focal_sigma,
         "poses_seconds": report.seconds.poses });
     progress.done(&Document { blocks: vec![Block::Table(table(report))] }, &text, target, value);
