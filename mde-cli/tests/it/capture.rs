@@ -118,8 +118,9 @@ fn poses_are_written_and_read_again() {
     // Left out before those that follow, whose names stay theirs.
     fs::copy(place.path("images/0.png"), place.path("images/0-copy.png")).unwrap();
     place.write("images/0-torn.png", "torn");
-    let prior = format!("--prior-depth prior.npy --fov {fov} -q");
-    place.run(&format!("poses images/0.png images black.png {prior} -o found/found.json"));
+    let poses = "poses images/0.png images black.png --prior-depth prior.npy -o found/found.json";
+    let camera = format!("camera: focal length {:.0} px (", KITCHEN.views[0].view.camera.fx);
+    place.prints(&format!("{poses} --fov {fov}"), 0, &format!("{camera} ; given, taken as exact"));
     let size = |path: &Path| image_size(path);
     let file = place.path("found/found.json");
     let found = read_transforms(&file, PixelCentres::Integers, &size).unwrap();
