@@ -91,7 +91,7 @@ def test_the_interpreter_is_free_while_it_is_saved(ticker, tmp_path):
 
 
 def test_an_unknown_format_is_named(result, tmp_path):
-    with pytest.raises(mdenerf.Error, match='"obj" is no format; give some of ply, glb, exr, colmap, colmap-dense, mesh, transforms, sigma'):
+    with pytest.raises(mdenerf.Error, match="export: unknown variant `obj`, expected one of `ply`, `glb`, `exr`, `colmap`, `colmap-dense`, `mesh`, `transforms`, `sigma`"):
         result.save(tmp_path / "out", export=["ply", "obj"])
     assert list(tmp_path.iterdir()) == []
 

@@ -6,16 +6,16 @@ use mde_prior::augment::Predictions;
 
 /// A named configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Preset {
-    /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
+    /// The equations as printed: an MLP trained on colours alone, two iterations.
     Paper,
-    /// Test-time augmentation: the merged predictions of crops and mirror images are the result. A file's depth only gets an error bar.
+    /// Predictions of crops and mirror images too, merged; a depth map gets an error bar and stays as it is.
     #[default]
     Default,
-    /// The same with at most five predictions.
+    /// As default, with at most five predictions.
     Fast,
-    /// Several photographs of one scene: a hash field on their colours and on the consensus of their plane sweeps, rays clipped to
-    /// the reference's frustum.
+    /// Several photographs: stereo between them, then a radiance field.
     MultiView,
 }
 

@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::output::export::{self, Format, Placed, colmap, subfolder, transforms};
-use crate::output::preview::preview;
-use crate::refiner::finish::PICTURES;
+use crate::output::preview::{preview, thumbnail};
+use crate::refiner::finish::{Other, PICTURES};
 use crate::scene::size::byte;
 use mde_mvs::cloud::DepthView;
 use mde_mvs::export::{glb, ply};
@@ -23,6 +23,9 @@ use std::path::Path;
 
 /// `[height, width]` arrays `origin` (0 none, 1 prior, 2 consensus, 3 field), `seen` and `confirmed` (numbers of photographs).
 pub const EVIDENCE: &str = "evidence.npz";
+
+/// Photograph, depth and sigma / depth, small.
+pub const THUMBNAIL: &str = "thumbnail.png";
 
 /// A map by its name, `[height, width]`.
 pub type Named<'r> = (&'r str, ArrayView2<'r, f32>);
@@ -58,6 +61,8 @@ pub struct Beside<'r> {
     pub evidence: Vec<Named<'r>>,
     /// Of several photographs, by the names of their files.
     pub pictures: Vec<(String, Array3<u8>)>,
+    /// Those of a model of several photographs.
+    pub others: Vec<Other>,
     /// The [`strip`](super::preview::strip) of the preview; empty for one photograph.
     pub strip: Vec<Array3<f32>>,
     /// The truth of the preview; shown beside several photographs.
@@ -75,6 +80,7 @@ impl ResultFiles<'_> {
         maps.extend(&beside.more);
         let mut files: Vec<Box<dyn Fn() -> mde_prior::Result<()> + Sync + Send + '_>> = vec![
             Box::new(|| write_rgb_png(folder.join("preview.png"), preview(self).view())),
+            Box::new(|| write_image(folder.join(THUMBNAIL), thumbnail(self).view())),
             Box::new(|| write_image(folder.join(export::IMAGE), image)),
             Box::new(|| {
                 let (path, DepthPng { unit, scale, .. }) = (folder.join("depth.png"), self.png);
@@ -123,7 +129,7 @@ impl ResultFiles<'_> {
                 let channels = [("Y", depth), ("Z", depth), ("sigma", sigma), ("prior", self.prior)];
                 write_exr(folder.join("depth.exr"), &channels)?;
             }
-            Format::Colmap => colmap::write(folder, &view)?,
+            Format::Colmap => colmap::write(folder, &view, &self.beside.others)?,
             Format::ColmapDense | Format::Mesh => {
                 let text = "export: colmap-dense and mesh are of a whole capture; refine all of its photographs, or give colmap or glb";
                 return Err(Error::Argument(text.to_owned()));

@@ -6,7 +6,7 @@ use colorous::{Gradient, MAGMA, SPECTRAL};
 use mde_prior::resample::shrink;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip};
 use std::sync::LazyLock;
 
 const BACKGROUND: Colour = [255; 3];
@@ -20,6 +20,8 @@ const WIDEST: usize = 640;
 const NARROWEST: usize = 240;
 /// The colours of sigma over depth, the same on all pictures.
 pub const RELATIVE: [f64; 2] = [0.0, 0.3];
+/// Height of a [`thumbnail`].
+const SMALL: usize = 120;
 /// Width of a picture on a contact sheet.
 const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
@@ -115,6 +117,23 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
     canvas.pixels
 }
 
+/// Photograph, depth and sigma / depth side by side, [`SMALL`] pixels high.
+pub fn thumbnail(show: &ResultFiles<'_>) -> Array3<f32> {
+    let (rows, columns, _) = show.image.dim();
+    let width = (columns * SMALL / rows.max(1)).clamp(1, 4 * SMALL);
+    let float = |picture: Array3<u8>| picture.mapv(|v| f32::from(v) / 255.0);
+    let relative = relative_sigma(show.depth.mean(), show.sigma);
+    let depth = float(depth_picture(show.depth.mean()));
+    let sigma = float(sigma_picture_within(relative.view(), RELATIVE));
+    let mut all = Array3::zeros((SMALL, 3 * width, 3));
+    for (part, mut place) in
+        [show.image, depth.view(), sigma.view()].iter().zip(all.axis_chunks_iter_mut(Axis(1), width))
+    {
+        place.assign(&shrink(*part, (SMALL, width)));
+    }
+    all
+}
+
 /// Height of the text beside panels of that width.
 fn text_height(width: usize) -> usize {
     width / 28 + 8
@@ -189,7 +208,7 @@ pub fn contact_sheet(views: &[PosedView]) -> Array3<u8> {
 
 fn masked(view: &PosedView) -> Array3<f32> {
     let mut image = view.image.to_owned();
-    Zip::from(image.lanes_mut(ndarray::Axis(2))).and(&view.mask).for_each(|mut colour, &real| {
+    Zip::from(image.lanes_mut(Axis(2))).and(&view.mask).for_each(|mut colour, &real| {
         if !real {
             colour.iter_mut().zip([1.0, 0.0, 0.0]).for_each(|(c, red)| *c = 0.4 * *c + 0.6 * red);
         }

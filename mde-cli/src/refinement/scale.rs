@@ -109,9 +109,9 @@ impl Refinement {
     /// The photographs' poses in the unit of the depth, which was multiplied by `factor`. None where it was bent: no poses fit it then.
     pub(crate) fn with_poses(mut self, factor: Option<f64>) -> Self {
         for photograph in self.capture.iter_mut().flat_map(|capture| &mut capture.photographs) {
-            photograph.pose = photograph.pose.zip(factor).map(|(mut rows, factor)| {
-                rows.iter_mut().take(3).for_each(|row| row[3] *= factor);
-                rows
+            photograph.pose = photograph.pose.zip(factor).map(|(mut pose, factor)| {
+                pose.translation.vector *= factor;
+                pose
             });
         }
         self

@@ -6,21 +6,25 @@ use crate::prior::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
 use crate::refiner::plausibility::{contradicted, doubts};
 use crate::refiner::{Prepared, Settings, Stated};
+use crate::reports::capture::PhotographReport;
 use crate::reports::{CaptureReport, Component, Refinement};
-use crate::scene::{KnownCamera, SameScale, Scene, byte, thumbnail};
+use crate::scene::{KnownCamera, Photograph, SameScale, Scene, byte, thumbnail};
 use mde_prior::DepthKind;
 use mde_prior::format::DepthPng;
 use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array3, ArrayView3};
 use serde::Serialize;
+use std::path::Path;
 
 /// Unit of a result of several photographs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Unit {
-    /// That of the prior.
+    /// The prior's unit: metres for a metric prior.
     #[default]
     Prior,
-    /// That of the poses that the photographs came with.
+    /// The unit of the poses that the capture came with.
     Capture,
 }
 
@@ -32,6 +36,19 @@ pub struct Scaled {
     /// The map to the known depths.
     #[serde(flatten)]
     pub report: ScaleReport,
+}
+
+/// Another photograph of several, in the frame of the one that is refined.
+#[derive(Debug, Clone)]
+pub struct Other {
+    /// Name of its file.
+    pub name: String,
+    /// `[height, width, 3]`.
+    pub picture: Array3<u8>,
+    /// The camera of the picture.
+    pub camera: PinholeCamera,
+    /// World to camera, in the unit of the refined depth.
+    pub pose: Pose,
 }
 
 /// A refinement in its unit and with its error bar; serialised, it is what the record of a run has of it.
@@ -204,10 +221,26 @@ impl<'s> Refined<'s> {
 
     /// The photographs that were used, this one first; none where it was refined alone.
     pub fn shown(&self) -> Vec<ArrayView3<'s, f32>> {
-        let Some(report) = &self.refinement.capture else { return Vec::new() };
-        let used = self.scene.photographs.iter().zip(&report.photographs).enumerate();
-        let used = used.filter(|(index, (_, report))| report.used && *index != self.photograph);
-        std::iter::once(self.image).chain(used.map(|(_, (one, _))| one.image.view())).collect()
+        let others = self.used().map(|(_, one, _)| one.image.view());
+        self.refinement.capture.iter().map(|_| self.image).chain(others).collect()
+    }
+
+    /// The other photographs that were used and have a place in the frame of this one, each with a name of its own.
+    pub fn others(&self) -> Vec<Other> {
+        let other = |(index, one, report): (usize, &Photograph, &PhotographReport)| {
+            let stem = Path::new(&one.name).file_stem()?.to_string_lossy();
+            let (name, picture) = (format!("{index:02}-{stem}.png"), one.image.mapv(byte));
+            Some(Other { name, picture, camera: report.camera?, pose: report.pose? })
+        };
+        self.used().filter_map(other).collect()
+    }
+
+    /// The other photographs that were used, with their indices and reports.
+    fn used(&self) -> impl Iterator<Item = (usize, &'s Photograph, &PhotographReport)> {
+        let reports = self.refinement.capture.iter().flat_map(|report| &report.photographs);
+        let all = self.scene.photographs.iter().zip(reports).enumerate();
+        let all = all.map(|(index, (one, report))| (index, one, report));
+        all.filter(|(index, _, report)| report.used && *index != self.photograph)
     }
 
     /// Pictures of several photographs, by file names: the photographs, small, and the novel view beside what the field renders.

@@ -7,9 +7,9 @@ use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
-use mde_warp::{PinholeCamera, PosedView, matrix_rows};
+use mde_warp::{PinholeCamera, Pose, PosedView, matrix_rows};
 use ndarray::Array3;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
 /// Verdicts on the photographs that are used.
@@ -92,7 +92,8 @@ pub struct PhotographReport {
     pub verified: Option<f32>,
     /// World to camera, row by row: the world is the reference's camera frame, in the unit of the refined depth. None where it was
     /// not used, and where known depths shifted the depth.
-    pub pose: Option<[[f64; 4]; 4]>,
+    #[serde(serialize_with = "rows")]
+    pub pose: Option<Pose>,
     /// Its camera, with the focal length that was used.
     pub camera: Option<PinholeCamera>,
 }
@@ -211,10 +212,14 @@ impl CaptureReport {
         for (view, &index) in views.iter().zip(order) {
             let mut pose = view.pose;
             pose.translation.vector /= factor;
-            self.photographs[index].pose = Some(matrix_rows(&pose));
+            self.photographs[index].pose = Some(pose);
             self.photographs[index].camera = Some(view.camera);
         }
     }
+}
+
+fn rows<S: Serializer>(pose: &Option<Pose>, serializer: S) -> Result<S::Ok, S::Error> {
+    pose.as_ref().map(matrix_rows).serialize(serializer)
 }
 
 impl PhotographReport {

@@ -110,9 +110,16 @@ fn poses_are_written_and_read_again() {
     place.photograph("black.png", Array3::zeros((SIZE[1], SIZE[0], 3)).view());
     fs::create_dir(place.path("found")).unwrap();
     let fov = 2.0 * (0.5 * SIZE[0] as f64 / KITCHEN.views[0].view.camera.fx).atan().to_degrees();
-    place.run(&format!("{REFINE} --views images --fov {fov} -o estimated"));
+    place.run(&format!("{REFINE} --views images --fov {fov} --export colmap -o estimated"));
     let estimated = place.record("estimated")["capture"].clone();
     assert!(estimated["poses"] == "estimated" && estimated["fallback"].is_null(), "{estimated}");
+    let size = |path: &Path| image_size(path);
+    let model = CaptureFiles::find(&place.path("estimated/colmap")).unwrap().read(None, &size).unwrap();
+    let used = estimated["photographs"].as_array().unwrap().iter().filter(|one| one["used"] == true).count();
+    assert!(used > 1 && model.frames.len() == used);
+    for frame in model.frames.iter().filter(|frame| !frame.photograph.ends_with("image.png")) {
+        assert!(frame.pose.translation.vector.norm() > 0.0, "{frame:?}");
+    }
     let assumed = "refine images/0.png --views images --prior-depth prior.npy --no-nerf -o assumed";
     place.prints(assumed, 0, "px +- ; % ( ; estimated with the poses");
     // Left out before those that follow, whose names stay theirs.
@@ -120,8 +127,11 @@ fn poses_are_written_and_read_again() {
     place.write("images/0-torn.png", "torn");
     let poses = "poses images/0.png images black.png --prior-depth prior.npy -o found/found.json";
     let camera = format!("camera: focal length {:.0} px (", KITCHEN.views[0].view.camera.fx);
-    place.prints(&format!("{poses} --fov {fov}"), 0, &format!("{camera} ; given, taken as exact"));
-    let size = |path: &Path| image_size(path);
+    place.prints(
+        &format!("{poses} --fov {fov}"),
+        0,
+        &format!("{camera} ; given, taken as exact ; 1 can't be read"),
+    );
     let file = place.path("found/found.json");
     let found = read_transforms(&file, PixelCentres::Integers, &size).unwrap();
     // A file of nerfstudio: pixel centres at halves, without the key.

@@ -69,7 +69,8 @@ fn parallax_halves_the_typical_error_of_the_prior() {
     let metres = ratio(refined.depth.mean(), &STUDY.truth);
     assert!((metres.ln()).abs() < 0.05, "{metres}");
     // Poses stay in the unit of the depth; one that is shifted too has none.
-    let placed = |r: &Refinement| r.capture.as_ref().unwrap().photographs[1].pose.map(|rows| rows[0][3]);
+    let placed =
+        |r: &Refinement| r.capture.as_ref().unwrap().photographs[1].pose.map(|pose| pose.translation.x);
     let before = placed(&refined).unwrap();
     let refined = refined.scaled(2.0, 0.0).unwrap();
     assert_eq!(placed(&refined), Some(2.0 * before));

@@ -1,4 +1,4 @@
-//! COLMAP's files of depth maps: the model of one photograph with a thinned cloud, and the dense workspace of a capture.
+//! COLMAP's files of depth maps: the model of photographs with the thinned cloud of one, and the dense workspace of a capture.
 
 use super::{ColmapPoint, Frame, colmap_map, colmap_text};
 use crate::cloud::{ConsistentPoint, DepthView, seen};
@@ -13,8 +13,8 @@ const POINTS: usize = 20_000;
 /// does so by chance.
 const VAGUE: f32 = 0.05;
 
-/// Names and texts of the files of a model of one photograph, in the frame of its camera, with about 20,000 of its points.
-pub fn colmap_view(view: &DepthView<'_>, photograph: &str) -> [(&'static str, String); 3] {
+/// Names and texts of the files of a model of some photographs with about 20,000 points of the first, whose maps `view` has.
+pub fn colmap_view(view: &DepthView<'_>, photographs: &[Frame]) -> [(&'static str, String); 3] {
     let (rows, columns) = view.depth.dim();
     let step = ((rows * columns) as f64 / POINTS as f64).sqrt().ceil().max(1.0) as usize;
     let places = |side: usize| (step / 2..side).step_by(step);
@@ -23,7 +23,7 @@ pub fn colmap_view(view: &DepthView<'_>, photograph: &str) -> [(&'static str, St
         let (position, colour) = (view.point(row, column)?, view.colour(row, column));
         Some(ColmapPoint { position, colour, seen: vec![(0, pixel)] })
     });
-    colmap_text(&[Frame::new(view.camera, view.pose, photograph)], &points.collect::<Vec<_>>())
+    colmap_text(photographs, &points.collect::<Vec<_>>())
 }
 
 /// The files of a dense workspace for COLMAP's `stereo_fusion`, given to `write` by their paths within it: poses, depths, normals, and about
@@ -110,7 +110,7 @@ mod tests {
     fn every_point_of_a_photograph_is_at_its_pixel() {
         let place = folder("view");
         with_plane(|view| {
-            let files = colmap_view(view, "image.png");
+            let files = colmap_view(view, &[Frame::new(view.camera, view.pose, "image.png")]);
             files.iter().for_each(|(name, text)| fs::write(place.join(name), text).unwrap());
             let found = read_colmap_depths(&place, "image.png").unwrap();
             assert_eq!((found.size, found.depths.len()), ([SIZE.1, SIZE.0], SIZE.0 * SIZE.1 - 1));

@@ -8,7 +8,7 @@ import json
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from dataclasses import field as part
 from pathlib import Path
 from typing import Any
@@ -163,6 +163,8 @@ class Result:
     upper: Floats | None = None
     field: bytes | None = None
     _pictures: dict[str, Bytes] = part(default_factory=dict, repr=False)
+    #: Names, pictures, cameras and poses of the other photographs that were used.
+    _others: list[tuple[str, Bytes, tuple[float, ...], list[float]]] = part(default_factory=list, repr=False)
     #: The photographs above the preview.
     _strip: list[Floats] = part(default_factory=list, repr=False)
     #: The photograph, where bytes do not hold it.
@@ -246,9 +248,10 @@ class Result:
             "evidence": list(self.evidence.items()),
             "image": self._photograph(),
             "pictures": list(self._pictures.items()),
+            "others": self._others,
             "strip": self._strip,
             "unit": self.unit,
-            "camera": (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy),
+            "camera": astuple(self.camera),
         }
         native.save_result(str(folder), parts, formats)
         if self.field is not None:

@@ -62,16 +62,19 @@ pub(crate) fn refine<'py>(
     let (mut results, mut poses) = (Vec::new(), Vec::new());
     for (outcome, pose) in outcomes {
         results.push(outcome.into_dict(py)?);
-        poses.push(pose.map(|pose| {
-            let (q, t) = (pose.rotation, pose.translation);
-            ([q.w, q.i, q.j, q.k, t.x, t.y, t.z], matrix_rows(&pose))
-        }));
+        poses.push(pose.map(|pose| (parts_of(&pose), matrix_rows(&pose))));
     }
     let parts = PyDict::new(py);
     parts.set_item("results", results)?;
     parts.set_item("poses", poses)?;
     parts.set_item("run", record)?;
     Ok(parts.into_any())
+}
+
+/// A quaternion w, x, y, z, then a translation. A matrix would lose bits.
+fn parts_of(pose: &Pose) -> [f64; 7] {
+    let (q, t) = (pose.rotation, pose.translation);
+    [q.w, q.i, q.j, q.k, t.x, t.y, t.z]
 }
 
 fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_>) -> Result<Made> {

@@ -1,12 +1,13 @@
 //! What a run gives back: maps, the record, pictures.
 
-use super::{Object, Watched};
+use super::{Object, Watched, parts_of};
 use crate::error::keywords;
 use mde_cli::error::{Error, Result};
 use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::output::preview::strip;
 use mde_cli::output::record::{About, RunRecord};
+use mde_cli::refiner::finish::Other;
 use mde_cli::refiner::{Refined, Refiner};
 use mde_cli::scene::camera::KnownCamera;
 use mde_cli::scene::size::byte;
@@ -31,6 +32,7 @@ pub(super) struct Outcome {
     config: String,
     pictures: Vec<(String, Array3<u8>)>,
     strip: Vec<Array3<f32>>,
+    others: Vec<Other>,
     /// The file of the fitted field.
     field: Option<Vec<u8>>,
 }
@@ -73,7 +75,7 @@ impl Outcome {
         let about = about("refine", refiner, input, &refined.camera, watch, start);
         let run = json(&RunRecord::<()>::new(about, &refined, &watch.training))?;
         let config = refined.config_toml(&settings.config)?;
-        let (pictures, shown) = (refined.pictures(), refined.shown());
+        let (pictures, shown, others) = (refined.pictures(), refined.shown(), refined.others());
         let Refined { refinement, stated, image, camera, .. } = refined;
         let field = refinement.field.as_ref().filter(|_| settings.keep_field);
         let field = field.and_then(|field| field.to_file());
@@ -110,6 +112,7 @@ impl Outcome {
             config,
             pictures,
             strip: strip(&shown, image.dim().1),
+            others,
             field,
         })
     }
@@ -123,8 +126,11 @@ impl Outcome {
         }
         parts.set_item("image", self.image.into_pyarray(py))?;
         parts.set_item("_exact", self.exact.map(|image| image.into_pyarray(py)))?;
-        let PinholeCamera { fx, fy, cx, cy, width, height } = self.camera;
-        parts.set_item("camera", (fx, fy, cx, cy, width, height))?;
+        let camera = |c: PinholeCamera| (c.fx, c.fy, c.cx, c.cy, c.width, c.height);
+        parts.set_item("camera", camera(self.camera))?;
+        let other =
+            |one: Other| (one.name, one.picture.into_pyarray(py), camera(one.camera), parts_of(&one.pose));
+        parts.set_item("_others", self.others.into_iter().map(other).collect::<Vec<_>>())?;
         parts.set_item("run", self.run)?;
         parts.set_item("config", self.config)?;
         let pictures = self.pictures.into_iter().map(|(name, picture)| (name, picture.into_pyarray(py)));

@@ -1,7 +1,7 @@
 //! The files of results.
 
 use crate::error::raise;
-use mde_cli::error::Result;
+use mde_cli::error::{Error, Result};
 use mde_cli::mde_mvs::cloud::DepthView;
 use mde_cli::mde_prior::CertaintyMeaning;
 use mde_cli::mde_prior::format::DepthPng;
@@ -13,12 +13,18 @@ use mde_cli::output::export::{self, Format};
 use mde_cli::output::files::{self, Beside, ResultFiles};
 use mde_cli::output::folder;
 use mde_cli::prior::origin::METRES;
+use mde_cli::refiner::finish::Other;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
+use serde::Deserialize;
+use serde::de::{IntoDeserializer, value};
 use std::path::PathBuf;
 
 /// A map by its name.
 type Named<'py> = (String, PyReadonlyArray2<'py, f32>);
+
+/// fx, fy, cx, cy, width, height.
+type CameraParts = (f64, f64, f64, f64, usize, usize);
 
 /// The parts of a result that its folder has.
 #[derive(FromPyObject)]
@@ -39,11 +45,12 @@ pub(crate) struct Saved<'py> {
     image: PyReadonlyArray3<'py, f32>,
     /// Pictures by the names of their files.
     pictures: Vec<(String, PyReadonlyArray3<'py, u8>)>,
+    /// Names, pictures, cameras and poses of the others.
+    others: Vec<(String, PyReadonlyArray3<'py, u8>, CameraParts, [f64; 7])>,
     /// The photographs above the preview.
     strip: Vec<PyReadonlyArray3<'py, f32>>,
     unit: String,
-    /// fx, fy, cx, cy.
-    camera: [f64; 4],
+    camera: CameraParts,
 }
 
 /// Writes the files of a result into a folder, and those of the formats that are named.
@@ -59,13 +66,17 @@ pub(crate) fn save_result(
     let depth = GaussianDepth::new(parts.depth.as_array().to_owned(), parts.variance.as_array().to_owned())
         .map_err(raise)?;
     let png = DepthPng::new(unit, depth.mean().iter().copied());
-    let [fx, fy, cx, cy] = parts.camera;
-    let (height, width) = depth.dim();
-    let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(raise)?;
+    let camera = camera_of(parts.camera).map_err(raise)?;
     let [confidence, error] =
         [(CertaintyMeaning::Confidence, &parts.confidence), (CertaintyMeaning::Error, &parts.error)]
             .map(|(meaning, map)| map.as_ref().map(|map| (meaning, map.as_array())));
     let pictures = parts.pictures.iter().map(|(name, one)| (name.clone(), one.as_array().to_owned()));
+    let other =
+        |(name, picture, camera, pose): &(String, PyReadonlyArray3<'_, u8>, CameraParts, [f64; 7])| {
+            let (name, picture) = (name.clone(), picture.as_array().to_owned());
+            Ok(Other { name, picture, camera: camera_of(*camera)?, pose: pose_of(*pose) })
+        };
+    let others = parts.others.iter().map(other).collect::<Result<_>>().map_err(raise)?;
     let (sigma, prior, image) = (parts.sigma.as_array(), parts.prior.as_array(), parts.image.as_array());
     let beside = Beside {
         more: named(&parts.more),
@@ -73,6 +84,7 @@ pub(crate) fn save_result(
         certainty: confidence.or(error),
         evidence: named(&parts.evidence),
         pictures: pictures.collect(),
+        others,
         strip: parts.strip.iter().map(|one| one.as_array().to_owned()).collect(),
         truth: None,
     };
@@ -85,12 +97,26 @@ pub(crate) fn save_result(
 }
 
 fn formats(names: &[String]) -> PyResult<Vec<Format>> {
-    names.iter().map(|name| name.parse().map_err(raise)).collect()
+    let format = |name: &String| -> std::result::Result<Format, value::Error> {
+        Format::deserialize(name.as_str().into_deserializer())
+    };
+    let formats: std::result::Result<_, _> = names.iter().map(format).collect();
+    formats.map_err(|error| raise(Error::Argument(format!("export: {error}"))))
 }
 
 /// The unit of a result by its name.
 fn unit(name: &str) -> &'static str {
     [METRES, "capture"].into_iter().find(|known| *known == name).unwrap_or("unscaled")
+}
+
+fn camera_of((fx, fy, cx, cy, width, height): CameraParts) -> Result<PinholeCamera> {
+    Ok(PinholeCamera::new(fx, fy, cx, cy, width, height)?)
+}
+
+/// The inverse of [`parts_of`](super::parts_of).
+fn pose_of([w, i, j, k, x, y, z]: [f64; 7]) -> Pose {
+    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+    Pose::from_parts(Translation3::new(x, y, z), rotation)
 }
 
 fn named<'m>(maps: &'m [Named<'_>]) -> Vec<files::Named<'m>> {
@@ -104,9 +130,8 @@ pub(crate) struct Placed<'py> {
     folder: String,
     /// sRGB in 0 to 1, `[height, width, 3]`.
     image: PyReadonlyArray3<'py, f32>,
-    /// fx, fy, cx, cy, width, height.
-    camera: (f64, f64, f64, f64, usize, usize),
-    /// World to camera: a quaternion w, x, y, z, then a translation. A matrix would lose bits.
+    camera: CameraParts,
+    /// World to camera.
     pose: [f64; 7],
     depth: PyReadonlyArray2<'py, f32>,
     sigma: PyReadonlyArray2<'py, f32>,
@@ -124,13 +149,11 @@ pub(crate) fn save_all(
     let unit = self::unit(unit);
     let formats = formats(&export)?;
     let views = photographs.iter().map(|one| {
-        let ((fx, fy, cx, cy, width, height), [w, i, j, k, x, y, z]) = (one.camera, one.pose);
-        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
         let depth = one.depth.as_array();
         let map = DepthView {
             image: one.image.as_array(),
-            camera: PinholeCamera::new(fx, fy, cx, cy, width, height)?,
-            pose: Pose::from_parts(Translation3::new(x, y, z), rotation),
+            camera: camera_of(one.camera)?,
+            pose: pose_of(one.pose),
             depth,
             sigma: one.sigma.as_array(),
         };

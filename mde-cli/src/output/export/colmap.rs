@@ -1,11 +1,12 @@
-//! COLMAP's models: of one photograph with a thinned cloud, and the dense workspace of a capture.
+//! COLMAP's models: of a photograph and the others with its thinned cloud, and the dense workspace of a capture.
 
 use super::{IMAGE, Placed, subfolder};
 use crate::error::Result;
-use mde_mvs::capture::{colmap_view, colmap_workspace};
+use crate::refiner::finish::Other;
+use mde_mvs::capture::{Frame, colmap_view, colmap_workspace};
 use mde_mvs::cloud::{ConsistentPoint, DepthView};
 use mde_prior::format::write_png16;
-use mde_prior::photo::write_image;
+use mde_prior::photo::{write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -15,12 +16,17 @@ use std::path::Path;
 /// The folder of the model or the workspace.
 pub const FOLDER: &str = "colmap";
 
-/// Writes a photograph and its model, in the frame of its camera.
-pub(crate) fn write(folder: &Path, view: &DepthView<'_>) -> Result<()> {
-    for (name, text) in colmap_view(view, IMAGE) {
+/// Writes a photograph, the others and their model, in the frame of its camera.
+pub(crate) fn write(folder: &Path, view: &DepthView<'_>, others: &[Other]) -> Result<()> {
+    let own = Frame::new(view.camera, view.pose, IMAGE);
+    let others_too = others.iter().map(|other| Frame::new(other.camera, other.pose, &other.name));
+    let frames: Vec<_> = std::iter::once(own).chain(others_too).collect();
+    for (name, text) in colmap_view(view, &frames) {
         write_file(folder, &format!("sparse/0/{name}"), text.as_bytes())?;
     }
-    Ok(write_image(subfolder(folder, "colmap/images")?.join(IMAGE), view.image)?)
+    let images = subfolder(folder, "colmap/images")?;
+    others.iter().try_for_each(|other| write_rgb_png(images.join(&other.name), other.picture.view()))?;
+    Ok(write_image(images.join(IMAGE), view.image)?)
 }
 
 /// Steps of an inverse depth in trainers of splats.

@@ -5,9 +5,9 @@ pub mod transforms;
 
 use crate::error::{Error, Result};
 use mde_warp::{PinholeCamera, Pose};
+use serde::Deserialize;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 /// Where a refined photograph was taken, and where its files are.
 #[derive(Debug, Clone, Copy)]
@@ -23,60 +23,34 @@ pub struct Placed<'v> {
 }
 
 /// A kind of files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `cloud.ply`: points with colour, normal and sigma (binary).
+    /// cloud.ply: points with colour, normal and sigma (binary).
     Ply,
-    /// `mesh.glb`: textured mesh, torn at depth edges, y up.
+    /// mesh.glb: textured mesh, torn at depth edges, y up.
     Glb,
-    /// `depth.exr`: channels Y and Z (refined), sigma and prior.
+    /// depth.exr: channels Y and Z (refined), sigma and prior.
     Exr,
-    /// `colmap/`: `images/` and `sparse/0/`.
+    /// colmap/: images/ and sparse/0/, of all photographs that were used.
     Colmap,
-    /// `colmap/`: a dense workspace of COLMAP, of a whole capture.
+    /// colmap/: a dense workspace of the capture, for COLMAP's fusion.
     ColmapDense,
-    /// `mesh.ply` and `mesh.glb`: one surface of a whole capture.
+    /// mesh.ply and mesh.glb: one surface of the capture, with colours and sigma.
     Mesh,
-    /// `transforms.json`: camera, depth and sigma for nerfstudio.
+    /// transforms.json: camera, depth and sigma for nerfstudio.
     Transforms,
-    /// `sigma/`: the components of sigma (NPY).
+    /// sigma/: the components of sigma (NPY).
     Sigma,
-    /// `field.safetensors`: the field of the last iteration.
+    /// field.safetensors: the fitted field, for mde render.
     Field,
 }
-
-/// Each format with its name as an argument, and its files and what is in them.
-pub const FORMATS: [(Format, &str, &str); 9] = [
-    (Format::Ply, "ply", "cloud.ply: points with colour, normal and sigma (binary)"),
-    (Format::Glb, "glb", "mesh.glb: textured mesh, torn at depth edges, y up"),
-    (Format::Exr, "exr", "depth.exr: channels Y and Z (refined), sigma and prior"),
-    (Format::Colmap, "colmap", "colmap/: images/ and sparse/0/"),
-    (
-        Format::ColmapDense,
-        "colmap-dense",
-        "colmap/: a dense workspace of the capture, for COLMAP's stereo_fusion",
-    ),
-    (Format::Mesh, "mesh", "mesh.ply and mesh.glb: one surface of the capture, with colours and sigma"),
-    (Format::Transforms, "transforms", "transforms.json: camera, depth and sigma for nerfstudio"),
-    (Format::Sigma, "sigma", "sigma/: the components of sigma (NPY)"),
-    (Format::Field, "field", "field.safetensors: the fitted field, for mde render"),
-];
 
 impl Format {
     /// Whether it is of all photographs of a capture, not of each.
     pub fn is_of_capture(self) -> bool {
         matches!(self, Self::ColmapDense | Self::Mesh)
-    }
-}
-
-impl FromStr for Format {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        FORMATS.into_iter().find(|format| format.1 == name).map(|format| format.0).ok_or_else(|| {
-            let names = FORMATS.map(|format| format.1).join(", ");
-            Error::Argument(format!("export: {name:?} is no format; give some of {names}"))
-        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The arguments of the commands that run over many scenes.
 
 use crate::config::Preset;
-use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, grid, size};
+use crate::program::args::values::{ALIGNMENTS, choice, field_of_view, grid, size};
 use crate::program::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
@@ -64,7 +64,7 @@ pub(crate) struct AblateArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100), help_heading = "Rows")]
     pub(crate) seeds: u16,
     /// Preset of the full model
-    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "paper", help_heading = "Rows")]
+    #[arg(long, value_name = "NAME", default_value = "paper", help_heading = "Rows")]
     pub(crate) preset: Preset,
     /// Settings over those of the preset in all rows, a TOML file or KEY=VALUE, repeatable
     #[arg(long, value_name = "FILE|KEY=VALUE", help_heading = "Rows")]

@@ -2,9 +2,7 @@
 
 use crate::config::Preset;
 use crate::output::export::Format;
-use crate::program::args::values::{
-    KINDS, PRESETS, UNITS, choice, depth_range, focal, formats, positive, probability,
-};
+use crate::program::args::values::{KINDS, choice, depth_range, focal, formats, positive, probability};
 use crate::refiner::{MemoryLimit, Unit};
 use crate::scene::Sizes;
 use clap::Args;
@@ -21,7 +19,7 @@ pub(crate) struct RefinementArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=64))]
     pub(crate) max_views: Option<u16>,
     /// Unit of depth and sigma: the prior's, or that of the capture's poses
-    #[arg(long, help_heading = "Advanced", value_name = "UNIT", value_parser = choice(UNITS), default_value = "prior")]
+    #[arg(long, help_heading = "Advanced", value_name = "UNIT", default_value = "prior")]
     pub(crate) unit: Unit,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
@@ -120,7 +118,7 @@ pub(crate) struct MemoryArgs {
 #[command(next_help_heading = "Settings")]
 pub(crate) struct PresetArgs {
     /// Preset of the settings; default: multi-view with several photographs, default with one
-    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS))]
+    #[arg(long, value_name = "NAME")]
     pub(crate) preset: Option<Preset>,
     /// Settings over those of the preset, a TOML file or KEY=VALUE, repeatable; `mde config` prints all
     #[arg(long, value_name = "FILE|KEY=VALUE")]

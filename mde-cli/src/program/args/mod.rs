@@ -8,7 +8,7 @@ pub(crate) use evaluation::*;
 pub(crate) use groups::*;
 
 use crate::config::Preset;
-use crate::program::args::values::{KINDS, PRESETS, choice, formats, size, triple};
+use crate::program::args::values::{KINDS, choice, formats, size, triple};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Id, Parser, Subcommand};
 use mde_eval::data::Shard;
@@ -68,7 +68,7 @@ pub(crate) enum Command {
     #[command(after_help = include_str!("help/config.txt").trim_end())]
     Config {
         /// Preset
-        #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "default")]
+        #[arg(long, value_name = "NAME", default_value = "default")]
         preset: Preset,
     },
     /// Time the field's fit and rendering on this machine, by stage

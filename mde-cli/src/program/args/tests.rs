@@ -51,27 +51,3 @@ fn a_grid_is_conditions_with_values() {
     assert_eq!(focal("520, 521"), Ok((520.0, Some(521.0))));
     assert!(focal("520,").is_err());
 }
-
-/// Where the results go by default is told for each command as it is.
-#[test]
-fn the_help_names_the_folder_of_each_command() {
-    for (name, folder) in [
-        ("refine", "room-depth"),
-        ("warp", "room-views"),
-        ("render", "field-render"),
-        ("demo", "mde-demo"),
-        ("eval", "SUNRGBD-eval"),
-        ("calibrate", "SUNRGBD-eval"),
-        ("ablate", "SUNRGBD-ablate"),
-        ("poses", "transforms.json"),
-    ] {
-        let command = Cli::command();
-        let command = command.find_subcommand(name).unwrap();
-        let output = command.get_arguments().find(|argument| argument.get_id() == "output").unwrap();
-        let help = output.get_help().unwrap().to_string();
-        assert!(
-            help.contains(folder) && (name == "refine" || !help.contains("room-depth")),
-            "{name}: {help}"
-        );
-    }
-}

@@ -1,8 +1,7 @@
 //! Values of arguments.
 
-use crate::config::Preset;
-use crate::output::export::{FORMATS, Format};
-use crate::refiner::Unit;
+use crate::output::export::Format;
+use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::CaptureGrid;
@@ -12,17 +11,6 @@ use std::str::FromStr;
 /// Values with their names and help texts.
 type Choices<T> = &'static [(T, &'static str, &'static str)];
 
-pub(super) const PRESETS: Choices<Preset> = &[
-    (Preset::Paper, "paper", "The equations as printed: an MLP trained on colours alone, two iterations"),
-    (Preset::Fast, "fast", "As default, with at most five predictions"),
-    (
-        Preset::Default,
-        "default",
-        "Predictions of crops and mirror images too, merged; a depth map gets an error bar and stays as it is",
-    ),
-    (Preset::MultiView, "multi-view", "Several photographs: stereo between them, then a radiance field"),
-];
-
 pub(super) const KINDS: Choices<DepthKind> = &[
     (DepthKind::Metric, "metric", "Metres"),
     (DepthKind::RelativeDepth, "depth", "Depth in an unknown unit"),
@@ -31,11 +19,6 @@ pub(super) const KINDS: Choices<DepthKind> = &[
         "disparity",
         "1/depth up to a scale and a shift (MiDaS, DPT, Depth Anything)",
     ),
-];
-
-pub(super) const UNITS: Choices<Unit> = &[
-    (Unit::Prior, "prior", "The prior's unit: metres for a metric prior"),
-    (Unit::Capture, "capture", "The unit of the poses that the capture came with"),
 ];
 
 /// The rule, and whether every method has the prior's alignment.
@@ -63,13 +46,13 @@ pub(super) fn choice<T: Copy + Send + Sync + 'static>(all: Choices<T>) -> impl T
 /// The formats by their names, with or without those of a whole capture.
 pub(super) fn formats(whole: bool) -> impl TypedValueParser<Value = Format> {
     let refused = move |format: Format| format.is_of_capture() && !whole;
-    let values =
-        FORMATS.map(|(format, name, about)| PossibleValue::new(name).help(about).hide(refused(format)));
-    PossibleValuesParser::new(values).try_map(move |name| match name.parse::<Format>() {
+    let named = |format: &Format| Some(format.to_possible_value()?.hide(refused(*format)));
+    let values = Format::value_variants().iter().filter_map(named);
+    PossibleValuesParser::new(values).try_map(move |name| match Format::from_str(&name, false) {
         Ok(format) if refused(format) => {
             Err(format!("is of a whole capture: mde dense CAPTURE --export {name}"))
         }
-        parsed => parsed.map_err(|error| error.to_string()),
+        parsed => parsed,
     })
 }
 
