@@ -11,6 +11,7 @@ import base64
 import json
 import os
 import pathlib
+import re
 import select
 import shutil
 import subprocess
@@ -540,6 +541,8 @@ def one(browser, path, size, scheme, shots):
             check_capture(page)
         else:
             check_evaluation(page, path.parent)
+        text = page.value("document.body.innerText")
+        check(not re.search(r"\[object|\bundefined\b|\bNaN\b", text), "the page shows a value of the script's own")
         complaints = page.complaints()
         check(complaints == [], f"the console says {complaints}")
         print(f"ok      {path} {size} {scheme}")

@@ -8,7 +8,7 @@ use mde_uncertainty::statistics::median;
 use serde_json::{Value, json};
 use std::fs;
 
-const OUTPUTS: &str = "confidence.png config.toml depth.npy depth.png image.png preview.png prior.npy report.html run.json sigma.npy";
+const OUTPUTS: &str = "confidence.png config.toml depth.npy depth.png image.png preview.png prior.npy report.html run.json sigma.npy thumbnail.png";
 
 const LEARN: &str = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated model -o learned";
 

@@ -1,8 +1,8 @@
 //! The index of many photographs: `index.json`, `index.csv` and `index.html`.
 
 use crate::output::every::PhotographRow;
+use crate::output::files::THUMBNAIL;
 use crate::output::record::versions;
-use crate::program::many::item::THUMBNAIL;
 use crate::program::report::photographs_page;
 use crate::program::{command_line, write_json};
 use anyhow::Result;

@@ -1,7 +1,6 @@
 //! One of many photographs: its marker, its refinement, its row.
 
 use crate::output::every::PhotographRow;
-use crate::output::preview::{RELATIVE, depth_picture, relative_sigma, sigma_picture_within};
 use crate::output::record::versions;
 use crate::prior::{Uniform, hash_files};
 use crate::program::many::index::TABLE;
@@ -10,20 +9,15 @@ use crate::program::open::{Opener, content, scene};
 use crate::program::store::OutputFolder;
 use crate::program::{Job, Progress, RefineArgs, caught, message, side_by_side};
 use crate::refiner::same_scale::{OneScale, groups_warning};
-use crate::refiner::{Observer, Plan, Refined, Refiner, Silent};
+use crate::refiner::{Observer, Plan, Refiner, Silent};
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::Result;
 use mde_mvs::poses::Prepared as Matched;
-use mde_prior::photo::{decode_image, write_image};
-use mde_prior::resample::shrink;
-use ndarray::{Array3, ArrayView3, Axis, concatenate};
+use mde_prior::photo::decode_image;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Photograph, depth and sigma, small.
-pub(super) const THUMBNAIL: &str = "thumbnail.png";
-const HEIGHT: usize = 120;
 /// Photographs that are prepared for one scale, and then compared, side by side.
 const CHUNK: usize = 16;
 
@@ -122,7 +116,6 @@ impl Common<'_> {
         let mut row = PhotographRow { folder, same_scale_group, ..PhotographRow::new(&shown) };
         let target = OutputFolder::new(&place, true)?;
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
-            write_image(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
             row.measure(refined);
             row.warnings = progress.own_warnings.clone();
             row.seconds = start.elapsed().as_secs_f64();
@@ -161,20 +154,4 @@ impl Common<'_> {
         progress.step(&format!("{shared} of {} photographs share a scale with another", factors.len()));
         Ok(factors)
     }
-}
-
-/// Photograph, depth and sigma / depth side by side.
-fn thumbnail(refined: &Refined<'_>) -> Result<Array3<f32>> {
-    let (rows, columns, _) = refined.image.dim();
-    let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
-    let small =
-        |picture: ArrayView3<'_, u8>| shrink(picture.mapv(|v| f32::from(v) / 255.0).view(), (HEIGHT, width));
-    let depth = &refined.refinement.depth;
-    let relative = relative_sigma(depth.mean(), depth.sigma().view());
-    let parts = [
-        shrink(refined.image, (HEIGHT, width)),
-        small(depth_picture(depth.mean()).view()),
-        small(sigma_picture_within(relative.view(), RELATIVE).view()),
-    ];
-    Ok(concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?)
 }

@@ -56,7 +56,7 @@ pub(crate) fn photographs_page(
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{count}</title>\n\
-         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}\nth {{ white-space: normal; }}\ntd:first-child {{ white-space: normal; min-width: min(18rem, 36vw); }}\n@media (max-width: 560px) {{ td:first-child img {{ width: 36vw; height: auto; }} }}</style>\n</head>\n<body>\n<main>\n<h1>{count}</h1>\n\
+         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}\nth {{ white-space: normal; }}\ntd:first-child {{ white-space: normal; min-width: min(18rem, 36vw); }}\n@media (max-width: 560px) {{ td:first-child img {{ width: 100%; height: auto; }} tr {{ display: grid; grid-template-columns: repeat(4, 1fr); }} td:nth-child(-n+2) {{ grid-column: 1 / -1; border: 0; }} th:nth-child(-n+2) {{ display: none; }} }}</style>\n</head>\n<body>\n<main>\n<h1>{count}</h1>\n\
          <p>{failed} failed. The least sure are first: by the median of sigma / depth. A picture leads to its report. \
          All together: {links}.</p>\n{view}<div style=\"overflow: auto\"><table>\n<tr><th></th><th>photograph</th><th>sigma / depth, %</th><th>90 % below, %</th>\
          <th>median depth, {unit}</th><th>seconds</th></tr>\n{body}</table></div>\n</main>\n</body>\n</html>\n",

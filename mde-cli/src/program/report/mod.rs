@@ -12,6 +12,7 @@ pub(crate) use index::photographs_page;
 
 use crate::output::every::{CLOUD, MESHES, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
+use crate::output::files::THUMBNAIL;
 use crate::program::store::RECORD;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
@@ -32,7 +33,7 @@ pub(crate) fn every_page(folder: &Path, rows: &[PhotographRow]) -> Result<String
     let files: Vec<&str> = files.into_iter().filter(there).collect();
     let view = capture::view(folder, rows)?;
     let rows: Vec<&PhotographRow> = rows.iter().collect();
-    Ok(photographs_page(&rows, rows.len(), "preview.png", &files, view.as_deref()))
+    Ok(photographs_page(&rows, rows.len(), THUMBNAIL, &files, view.as_deref()))
 }
 
 /// Writes the page of a run's or an evaluation's folder into it, atomically; of a whole capture also those of its photographs.

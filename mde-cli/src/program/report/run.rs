@@ -1,7 +1,7 @@
 //! The page of one refinement.
 
 use crate::config::{Config, IterationPrior, Preset};
-use crate::output::files::EVIDENCE;
+use crate::output::files::{EVIDENCE, THUMBNAIL};
 use crate::program::report::encode::{self, WIDEST, gradients, photograph, photograph_in};
 use crate::program::report::{page, read_json, read_text};
 use crate::program::store::RECORD;
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-const FILES: [(&str, &str); 20] = [
+const FILES: [(&str, &str); 21] = [
     ("depth.npy", "refined depth, 32-bit floats"),
     ("sigma.npy", "its standard deviation, same unit"),
     ("prior.npy", "the monocular depth, input of the run"),
@@ -27,7 +27,7 @@ const FILES: [(&str, &str); 20] = [
     ("depth.exr", "refined depth, its sigma and the prior: channels Y and Z, sigma, prior"),
     ("cloud.ply", "coloured points with normals and sigma"),
     ("mesh.glb", "textured mesh, y up"),
-    ("colmap", "the photograph, its camera and points as COLMAP has them"),
+    ("colmap", "photographs, cameras and points as COLMAP has them"),
     ("transforms.json", "the photograph, its camera, depth and sigma, as nerfstudio has them"),
     ("image.png", "the photograph, upright"),
     ("photographs", "the photographs; input of mde refine --views"),
@@ -35,6 +35,7 @@ const FILES: [(&str, &str); 20] = [
     ("evidence.npz", "photographs that see and that confirm each pixel, and the origin of its depth"),
     ("gt.npy", "ground truth of the scores"),
     ("preview.png", "image, prior, refined and sigma side by side"),
+    (THUMBNAIL, "image, refined and sigma / depth, small"),
     ("field.safetensors", "field of the last iteration, for mde render"),
     ("config.toml", "all settings; input of --config"),
     ("run.json", "record of the run: measurements, versions, warnings"),

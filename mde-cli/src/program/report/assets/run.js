@@ -7,10 +7,12 @@ async function runPage(page) {
   const { layers, maps } = scene;
 
   const { camera } = record, degrees = (360 / Math.PI) * Math.atan((0.5 * camera.width) / camera.fx);
+  const [source, value] = typeof camera.source === "string" ? [camera.source] : Object.entries(camera.source)[0];
+  const origin = { assumed: "assumed", estimated: `± ${percent(value)}, estimated with the poses`, exif: "from EXIF", file: "from its file", network: "the network's estimate", scene: "the scene's own" }[source] ?? "given";
   const about = [
     record.preset && `preset ${record.preset}`, record.seed !== undefined && `seed ${record.seed}`,
     `${report.full[0]} × ${report.full[1]} pixels`, record.unit === "unscaled" ? "depth without a unit" : `depth in ${record.unit}`,
-    `focal length ${number(camera.fx)} px (${number(degrees)}°), ${camera.source}`, seconds(record.total_seconds), `mde ${record.versions["mde-cli"]}`,
+    `focal length ${number(camera.fx)} px (${number(degrees)}°), ${origin}`, seconds(record.total_seconds), `mde ${record.versions["mde-cli"]}`,
   ].filter(Boolean);
   page.append(make("h1", {}, report.title), make("p", { class: "soft" }, about.join(" · ")), headline(record, maps, unit));
   const notes = warnings(record.warnings);
@@ -60,8 +62,9 @@ function headline(record, maps, unit) {
   const relative = maps.sigma.map((s, i) => (s > 0 && maps.refined[i] > 0 ? s / maps.refined[i] : 0));
   const [median, most] = quantiles(moved, [0.5, 0.9]);
   const last = record.iterations[record.iterations.length - 1];
+  const changed = card(percent(median), `typical change of the depth (median); 90${NBSP}% of pixels changed by less than ${percent(most)}`);
   const cards = [
-    card(percent(median), `typical change of the depth (median); 90${NBSP}% of pixels changed by less than ${percent(most)}`),
+    ...(record.prior?.source === "none" ? [] : [changed]),
     card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `median sigma: ${percent(quantiles(relative, [0.5])[0])} of the depth${assumed(record)}`),
   ];
   const scale = record.error_bar?.scale;
