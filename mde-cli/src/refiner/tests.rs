@@ -168,6 +168,8 @@ fn each_photograph_has_its_own_camera() {
     drop(prepared);
     let second = refined(&refiner, &scene, 2, &mut Silent);
     assert_eq!(second.camera.source, CameraSource::Exif(22.0));
+    let title = second.camera.title();
+    assert!(title.contains(" px +- 1 % (") && title.ends_with("whole millimetres of 35 mm film"), "{title}");
 }
 
 #[test]

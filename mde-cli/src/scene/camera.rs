@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result, text};
 use mde_mvs::capture::{Distortion, Lens, intrinsics};
+use mde_mvs::poses::FOCAL_SIGMA;
 use mde_prior::{FileKind, open};
 use mde_warp::PinholeCamera;
 use serde::Serialize;
@@ -145,17 +146,21 @@ impl KnownCamera {
         let source = match &self.source {
             CameraSource::Flags | CameraSource::FieldOfView(_) => "given, taken as exact",
             CameraSource::File(_) => "from its file, taken as exact",
-            CameraSource::Exif(_) => "from the photograph's EXIF",
-            CameraSource::Network => "the network's estimate; give {fov} if known",
+            CameraSource::Exif(_) => "from the photograph's EXIF, in whole millimetres of 35 mm film",
+            CameraSource::Network => "the network's estimate, whose error is unknown; give {fov} if known",
             CameraSource::Assumed(_) => "assumed; give {fov} if known",
             CameraSource::Estimated(_) => "estimated with the poses; give {fov} if known",
             CameraSource::Scene => "the scene's own",
         };
         let degrees = 2.0 * (0.5 * width as f64 / fx).atan().to_degrees();
         let sigma = match self.source {
-            CameraSource::Estimated(sigma) => format!(" +- {:.0} %", 100.0 * sigma),
-            _ => String::new(),
+            CameraSource::Estimated(sigma) => Some(sigma),
+            CameraSource::Assumed(_) => Some(FOCAL_SIGMA),
+            // That of rounding.
+            CameraSource::Exif(mm) => Some((mm * 12.0_f64.sqrt()).recip()),
+            _ => None,
         };
+        let sigma = sigma.map_or_else(String::new, |sigma| format!(" +- {:.0} %", 100.0 * sigma));
         format!("focal length {fx:.0} px{sigma} ({degrees:.1} degrees), {source}")
     }
 

@@ -81,7 +81,7 @@ const FLAT_SIGMA: f64 = 1.0;
 const REGIONS: f64 = 30.0;
 /// Standard deviation of the logarithm of an assumed focal length. In the adjustment, where all matches count, it is divided by the
 /// root of the number that share an error.
-const FOCAL_SIGMA: f64 = 0.2;
+pub const FOCAL_SIGMA: f64 = 0.2;
 
 /// Matches that a photograph needs.
 const MIN_MATCHES: usize = 20;
