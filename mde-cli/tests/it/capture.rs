@@ -235,7 +235,7 @@ fn the_demo_has_photographs_without_poses() {
     let share = confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known as f64;
     assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.5, "{share}");
 
-    let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 62 --config quick.toml -q";
+    let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 65 --config quick.toml -q";
     place.run(&format!("refine demo/photographs/0.png {again} -o from-files"));
     let found = place.record("from-files")["capture"].clone();
     assert!(found["fallback"].is_null() && found["photographs"].as_array().unwrap().len() == 6, "{found}");

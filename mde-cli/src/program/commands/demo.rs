@@ -15,7 +15,7 @@ use mde_prior::{DepthKind, DepthPrior};
 use ndarray::Array2;
 use std::path::Path;
 
-const ROOM: Room = Room::Study;
+const ROOM: Room = Room::Office;
 const USED: usize = 5;
 /// With one more, which only the report shows beside what the field renders.
 const VIEWS: usize = USED + 1;
