@@ -156,7 +156,6 @@ impl KnownCamera {
         let sigma = match self.source {
             CameraSource::Estimated(sigma) => Some(sigma),
             CameraSource::Assumed(_) => Some(FOCAL_SIGMA),
-            // That of rounding.
             CameraSource::Exif(mm) => Some((mm * 12.0_f64.sqrt()).recip()),
             _ => None,
         };

@@ -19,11 +19,14 @@ use std::time::Instant;
 const USUAL: (usize, usize) = (480, 640);
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
+    if let Some(path) = &args.prior_model {
+        return model(path, args);
+    }
     let networks = if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" };
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
     let machine = format!("{} {}, {cores} processors", std::env::consts::OS, std::env::consts::ARCH);
     print("program", &format!("mde {}; {machine}; networks: {networks}", env!("CARGO_PKG_VERSION")));
-    args.prior_model.as_ref().map_or(Ok(()), |path| model(path, args))
+    Ok(())
 }
 
 /// Times the model with every runtime, and compares its predictions of rooms with their depth.

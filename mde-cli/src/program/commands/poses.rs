@@ -53,10 +53,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     report.lens_warning().into_iter().for_each(|warning| progress.warn(warning));
     mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
-    let unread = match scene.unreadable.len() {
-        0 => String::new(),
-        unread => format!(", {unread} can't be read"),
-    };
+    let unread = Some(scene.unreadable.len()).filter(|count| *count > 0);
+    let unread = unread.map_or_else(String::new, |count| format!(", {count} can't be read"));
     let count = format!("{} of {} photographs have a pose{unread}", frames.len(), scene.photographs.len());
     // At the size of the file, as in the transforms.json.
     let original = scene.photographs[scene.reference].original;
