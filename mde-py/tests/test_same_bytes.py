@@ -206,12 +206,13 @@ def test_several_photographs(network, arguments, mde, tmp_path, demo, posed, pri
     photographs = sorted((demo / "photographs").iterdir())
     assert len(photographs) > 2
     views = [demo / "transforms.json"] if posed else photographs[1:]
-    mde("refine", photographs[0], "--views", *views, *arguments, "--config", tmp_path / "quick.toml", "-o", tmp_path / "out")
+    mde("refine", photographs[0], "--views", *views, *arguments, "--config", tmp_path / "quick.toml", "--export", "colmap", "-o", tmp_path / "out")
     given = str(demo / "transforms.json") if posed else photographs[1:]
     result = mdenerf.refine(photographs[0], views=given, config=quick, **network)
     same(result, tmp_path / "out")
     record = json.loads((tmp_path / "out" / "run.json").read_text())
-    same_files(result.save(tmp_path / "saved"), tmp_path / "out")
+    same_files(result.save(tmp_path / "saved", export="colmap"), tmp_path / "out")
+    assert len(list((tmp_path / "out" / "colmap" / "images").iterdir())) > 1
     assert result.run["preset"] == "multi-view"
     assert result.run["capture"]["photographs"] == record["capture"]["photographs"]
     assert result.run["camera"]["fx"] == record["camera"]["fx"]
