@@ -117,7 +117,7 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
     canvas.pixels
 }
 
-/// Photograph, depth and sigma / depth side by side, [`SMALL`] pixels high.
+/// Photograph, depth and sigma / depth side by side, 120 pixels high.
 pub fn thumbnail(show: &ResultFiles<'_>) -> Array3<f32> {
     let (rows, columns, _) = show.image.dim();
     let width = (columns * SMALL / rows.max(1)).clamp(1, 4 * SMALL);

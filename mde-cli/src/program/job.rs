@@ -121,7 +121,7 @@ impl Job<'_> {
             certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
             evidence: evidence.iter().flat_map(|evidence| evidence.arrays()).collect(),
             pictures: refined.pictures(),
-            others: self.export.contains(&Format::Colmap).then(|| refined.others()).unwrap_or_default(),
+            others: if self.export.contains(&Format::Colmap) { refined.others() } else { Vec::new() },
             strip: strip(&refined.shown(), refined.image.dim().1),
             truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
         };
