@@ -61,7 +61,7 @@ pub struct Beside<'r> {
     pub evidence: Vec<Named<'r>>,
     /// Of several photographs, by the names of their files.
     pub pictures: Vec<(String, Array3<u8>)>,
-    /// Those of a model of several photographs.
+    /// The other photographs of a COLMAP model.
     pub others: Vec<Other>,
     /// The [`strip`](super::preview::strip) of the preview; empty for one photograph.
     pub strip: Vec<Array3<f32>>,
@@ -80,7 +80,7 @@ impl ResultFiles<'_> {
         maps.extend(&beside.more);
         let mut files: Vec<Box<dyn Fn() -> mde_prior::Result<()> + Sync + Send + '_>> = vec![
             Box::new(|| write_rgb_png(folder.join("preview.png"), preview(self).view())),
-            Box::new(|| write_image(folder.join(THUMBNAIL), thumbnail(self).view())),
+            Box::new(|| write_rgb_png(folder.join(THUMBNAIL), thumbnail(self).view())),
             Box::new(|| write_image(folder.join(export::IMAGE), image)),
             Box::new(|| {
                 let (path, DepthPng { unit, scale, .. }) = (folder.join("depth.png"), self.png);

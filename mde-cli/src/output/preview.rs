@@ -2,8 +2,9 @@
 
 use crate::output::canvas::{Canvas, Colour, text_width};
 use crate::output::files::ResultFiles;
+use crate::scene::size::byte;
 use colorous::{Gradient, MAGMA, SPECTRAL};
-use mde_prior::resample::shrink;
+use mde_prior::resample::{nearest, shrink};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip};
@@ -118,19 +119,15 @@ pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
 }
 
 /// Photograph, depth and sigma / depth side by side, 120 pixels high.
-pub fn thumbnail(show: &ResultFiles<'_>) -> Array3<f32> {
+pub fn thumbnail(show: &ResultFiles<'_>) -> Array3<u8> {
     let (rows, columns, _) = show.image.dim();
-    let width = (columns * SMALL / rows.max(1)).clamp(1, 4 * SMALL);
-    let float = |picture: Array3<u8>| picture.mapv(|v| f32::from(v) / 255.0);
-    let relative = relative_sigma(show.depth.mean(), show.sigma);
-    let depth = float(depth_picture(show.depth.mean()));
-    let sigma = float(sigma_picture_within(relative.view(), RELATIVE));
-    let mut all = Array3::zeros((SMALL, 3 * width, 3));
-    for (part, mut place) in
-        [show.image, depth.view(), sigma.view()].iter().zip(all.axis_chunks_iter_mut(Axis(1), width))
-    {
-        place.assign(&shrink(*part, (SMALL, width)));
-    }
+    let size = (SMALL, (columns * SMALL / rows.max(1)).clamp(1, 4 * SMALL));
+    let [depth, sigma] = [show.depth.mean(), show.sigma].map(|map| nearest(map, size));
+    let relative = sigma_picture_within(relative_sigma(depth.view(), sigma.view()).view(), RELATIVE);
+    let parts = [shrink(show.image, size).mapv(byte), depth_picture(depth.view()), relative];
+    let mut all = Array3::zeros((SMALL, parts.len() * size.1, 3));
+    let places = all.axis_chunks_iter_mut(Axis(1), size.1);
+    parts.iter().zip(places).for_each(|(part, mut place)| place.assign(part));
     all
 }
 
