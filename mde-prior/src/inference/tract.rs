@@ -44,7 +44,7 @@ impl TractGraph {
     pub(super) fn open(path: &Path, tokens: Option<u32>) -> Result<Self, String> {
         let cannot =
             |e: TractError| format!("the ONNX model cannot be run ({}); export it again", one_line(&e));
-        let reader = tract_onnx::onnx().with_ignore_output_shapes(true);
+        let reader = tract_onnx::onnx().with_ignore_output_shapes(true).with_ignore_value_info(true);
         let mut file = reader.proto_model_for_path(path).map_err(cannot)?;
         file.graph.as_ref().map_or(Ok(()), check_graph)?;
         let nodes = file.graph.iter().flat_map(|graph| &graph.node);

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tract_onnx::pb::attribute_proto::AttributeType;
 use tract_onnx::pb::tensor_proto::DataType;
-use tract_onnx::pb::tensor_shape_proto::Dimension;
+use tract_onnx::pb::tensor_shape_proto::{Dimension, dimension::Value::DimParam};
 use tract_onnx::pb::type_proto::Value;
 use tract_onnx::pb::{AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto};
 use tract_onnx::prelude::{Framework, f16};
@@ -120,7 +120,9 @@ fn dpt_like(opset: i64, token_first: bool) -> ModelProto {
     let mut joined = graph.input[0].clone();
     joined.name = "joined".to_owned();
     let Value::TensorType(tensor) = joined.r#type.as_mut().unwrap().value.as_mut().unwrap();
-    tensor.shape.as_mut().unwrap().dim = vec![Dimension::default(); 3];
+    // Named and not given, as in a hub's model_fp16.onnx.
+    let side = Dimension { value: Some(DimParam("side".to_owned())), ..Dimension::default() };
+    tensor.shape.as_mut().unwrap().dim = vec![side; 3];
     graph.value_info = vec![joined];
     model
 }
