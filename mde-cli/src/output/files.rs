@@ -16,7 +16,7 @@ use mde_prior::photo::{encode_rgb_png, write_image, write_rgb_png};
 use mde_prior::write_atomic;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::pooled::Tails;
-use mde_warp::{PinholeCamera, Pose};
+use mde_warp::{PinholeCamera, Pose, WarpConfig, forward_warp};
 use ndarray::{Array3, ArrayView2, ArrayView3};
 use rayon::prelude::*;
 use std::path::Path;
@@ -61,7 +61,7 @@ pub struct Beside<'r> {
     pub evidence: Vec<Named<'r>>,
     /// Of several photographs, by the names of their files.
     pub pictures: Vec<(String, Array3<u8>)>,
-    /// The other photographs of a COLMAP model.
+    /// The other photographs of a model of all.
     pub others: Vec<Other>,
     /// The [`strip`](super::preview::strip) of the preview; empty for one photograph.
     pub strip: Vec<Array3<f32>>,
@@ -86,11 +86,7 @@ impl ResultFiles<'_> {
                 let (path, DepthPng { unit, scale, .. }) = (folder.join("depth.png"), self.png);
                 write_depth_png(path, depth.mean(), unit, scale).map(drop)
             }),
-            Box::new(|| {
-                let tails = if beside.evidence.is_empty() { Tails::Normal } else { Tails::Heavy };
-                let (path, map) = (folder.join("confidence.png"), confidence(depth, tails));
-                write_confidence_png(path, map.view(), confidence_formula(tails))
-            }),
+            Box::new(|| self.write_confidence(folder, depth)),
         ];
         for (name, map) in maps {
             files.push(Box::new(move || write_npy(folder.join(format!("{name}.npy")), map)));
@@ -139,9 +135,18 @@ impl ResultFiles<'_> {
                 write_atomic(&folder.join("mesh.glb"), &glb::encode(&sure, png, unit))?;
             }
             Format::Transforms => {
-                let (camera, pose) = (view.camera, view.pose);
-                let view = Placed { camera, pose, folder: "", png_scale: self.png.scale };
-                transforms::write(&folder.join(transforms::FILE), &[view])?;
+                let others =
+                    self.beside.others.iter().map(|other| (other, other.name.trim_end_matches(".png")));
+                let others: Vec<_> =
+                    others.map(|(other, name)| (other, format!("transforms/{name}"))).collect();
+                let placed =
+                    |camera, pose, folder| Placed { camera, pose, folder, png_scale: self.png.scale };
+                let mut views = vec![placed(view.camera, view.pose, "")];
+                for (other, name) in &others {
+                    self.write_warped(&subfolder(folder, name)?, other)?;
+                    views.push(placed(other.camera, other.pose, name));
+                }
+                transforms::write(&folder.join(transforms::FILE), &views)?;
             }
             Format::Sigma => {
                 let parts = subfolder(folder, "sigma")?;
@@ -156,6 +161,25 @@ impl ResultFiles<'_> {
             Format::Field => {}
         }
         Ok(())
+    }
+
+    /// The picture of another photograph, and the depth and its sigma warped into it: what this photograph knows of it.
+    fn write_warped(&self, folder: &Path, other: &Other) -> Result<()> {
+        let view = self.view();
+        let (from, to) = ((&view.camera, &view.pose), (&other.camera, &other.pose));
+        let warped =
+            forward_warp(view.image, self.depth, from.0, from.1, to.0, to.1, &WarpConfig::default())?;
+        let [depth] = warped.view.hypotheses.as_slice() else { return Ok(()) };
+        write_rgb_png(folder.join(export::IMAGE), other.picture.view())?;
+        write_depth_png(folder.join("depth.png"), depth.mean(), self.png.unit, self.png.scale)?;
+        write_npy(folder.join("sigma.npy"), depth.sigma().view())?;
+        Ok(self.write_confidence(folder, depth)?)
+    }
+
+    fn write_confidence(&self, folder: &Path, depth: &GaussianDepth) -> mde_prior::Result<()> {
+        let tails = if self.beside.evidence.is_empty() { Tails::Normal } else { Tails::Heavy };
+        let (path, map) = (folder.join("confidence.png"), confidence(depth, tails));
+        write_confidence_png(path, map.view(), confidence_formula(tails))
     }
 
     /// The photograph in the frame of its camera.

@@ -115,13 +115,14 @@ impl Job<'_> {
         let evidence = capture.as_ref().and_then(|capture| capture.evidence.as_ref());
         let metric = refined.origin.kind == DepthKind::Metric;
         let camera = refined.camera.camera;
+        let with_others = self.export.iter().any(|format| format.has_others());
         let beside = Beside {
             more,
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
             certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
             evidence: evidence.iter().flat_map(|evidence| evidence.arrays()).collect(),
             pictures: refined.pictures(),
-            others: if self.export.contains(&Format::Colmap) { refined.others() } else { Vec::new() },
+            others: if with_others { refined.others() } else { Vec::new() },
             strip: strip(&refined.shown(), refined.image.dim().1),
             truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
         };

@@ -60,22 +60,18 @@ use std::ops::ControlFlow;
 /// Where events and warnings of a refinement go.
 pub trait Observer {
     /// Progress; `Break` ends the refinement with [`Error::Interrupted`].
-    fn event(&mut self, event: &Event) -> ControlFlow<()>;
+    fn event(&mut self, _: &Event) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
 
     /// What the record of the run warns of. Arguments are named in braces, such as `{max-memory}`.
-    fn warn(&mut self, warning: String);
+    fn warn(&mut self, _: String) {}
 }
 
 /// An observer of nothing.
 pub struct Silent;
 
-impl Observer for Silent {
-    fn event(&mut self, _: &Event) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
-
-    fn warn(&mut self, _: String) {}
-}
+impl Observer for Silent {}
 
 /// What a refiner does.
 #[derive(Debug, Clone)]

@@ -2,7 +2,6 @@
 
 use crate::config::{Config, Preset};
 use crate::prior::{OpenPrior, PriorForm, PriorOrigin};
-use crate::refinement::Event;
 use crate::refiner::{MemoryLimit, Observer, Refined, Refiner, Settings, Silent, Unit};
 use crate::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use mde_eval::capture::Capture;
@@ -11,7 +10,6 @@ use mde_prior::augment::Predictions;
 use mde_prior::{DepthKind, DepthPrior, InferenceMemory, ModelSpec, PriorDepth};
 use mde_uncertainty::pooled::Tails;
 use ndarray::{ArcArray, Array2, ArrayView3, Ix3};
-use std::ops::ControlFlow;
 
 const SIZE: [usize; 2] = [128, 96];
 
@@ -77,10 +75,6 @@ fn settings() -> Settings {
 struct Warnings(Vec<String>);
 
 impl Observer for Warnings {
-    fn event(&mut self, _: &Event) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
-
     fn warn(&mut self, warning: String) {
         self.0.push(warning);
     }

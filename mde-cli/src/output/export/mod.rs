@@ -39,7 +39,7 @@ pub enum Format {
     ColmapDense,
     /// mesh.ply and mesh.glb: one surface of the capture, with colours and sigma.
     Mesh,
-    /// transforms.json: camera, depth and sigma for nerfstudio.
+    /// transforms.json: cameras, depth and sigma for nerfstudio, of all photographs that were used.
     Transforms,
     /// sigma/: the components of sigma (NPY).
     Sigma,
@@ -51,6 +51,11 @@ impl Format {
     /// Whether it is of all photographs of a capture, not of each.
     pub fn is_of_capture(self) -> bool {
         matches!(self, Self::ColmapDense | Self::Mesh)
+    }
+
+    /// Whether it has the other photographs of several too.
+    pub fn has_others(self) -> bool {
+        matches!(self, Self::Colmap | Self::Transforms)
     }
 }
 

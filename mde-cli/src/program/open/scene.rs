@@ -107,24 +107,3 @@ fn further(reference: &Path, views: &[PathBuf]) -> Result<Vec<PathBuf>> {
     ensure!(!paths.is_empty(), "--views: no photograph but {shown} is there; give one or more others");
     Ok(paths)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_gives_its_photographs_in_order_without_the_reference() {
-        let folder = tempfile::tempdir().unwrap();
-        for name in ["b.png", "a.JPG", "c.txt", "d.jpeg"] {
-            std::fs::write(folder.path().join(name), "").unwrap();
-        }
-        let reference = folder.path().join("b.png");
-        let views = [folder.path().to_owned(), folder.path().join("a.JPG")];
-        let names: Vec<_> = further(&reference, &views).unwrap();
-        assert_eq!(names, [folder.path().join("a.JPG"), folder.path().join("d.jpeg")]);
-        let alone = further(&reference, std::slice::from_ref(&reference)).unwrap_err().to_string();
-        assert!(alone.contains("one or more others"), "{alone}");
-        let missing = further(&reference, &[folder.path().join("x.png")]).unwrap_err().to_string();
-        assert!(missing.contains("x.png"), "{missing}");
-    }
-}
