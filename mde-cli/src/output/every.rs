@@ -125,9 +125,9 @@ impl PhotographRow {
         Some((prepared.camera(index)?, pose))
     }
 
-    /// What became of a photograph that failed or that the others did not refine.
+    /// What became of a photograph that failed or that the others did not refine, of which its own record has the reason.
     pub fn failed_or_alone(&self) -> Option<String> {
-        let alone = || Some(format!("refined alone: {}", self.reason.as_ref()?));
+        let alone = || self.reason.as_ref().map(|_| "refined alone".to_owned());
         self.error.as_ref().map(|error| format!("failed: {error}")).or_else(alone)
     }
 

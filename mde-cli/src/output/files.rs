@@ -172,6 +172,7 @@ impl ResultFiles<'_> {
         let [depth] = warped.view.hypotheses.as_slice() else { return Ok(()) };
         write_rgb_png(folder.join(export::IMAGE), other.picture.view())?;
         write_depth_png(folder.join("depth.png"), depth.mean(), self.png.unit, self.png.scale)?;
+        write_npy(folder.join("depth.npy"), depth.mean())?;
         write_npy(folder.join("sigma.npy"), depth.sigma().view())?;
         Ok(self.write_confidence(folder, depth)?)
     }
