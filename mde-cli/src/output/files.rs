@@ -163,7 +163,7 @@ impl ResultFiles<'_> {
         Ok(())
     }
 
-    /// The picture of another photograph, and the depth and its sigma warped into it: what this photograph knows of it.
+    /// The picture of another photograph, and the depth and its sigma warped into it; missing where this photograph does not show it.
     fn write_warped(&self, folder: &Path, other: &Other) -> Result<()> {
         let view = self.view();
         let (from, to) = ((&view.camera, &view.pose), (&other.camera, &other.pose));
