@@ -21,8 +21,6 @@ const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
 const FOLDS: usize = 5;
 /// Standard errors by which a larger move must fit the withheld tracks better.
 const BEYOND_NOISE: f64 = 2.0;
-/// Rounds over the windows of a long capture.
-const ROUNDS: usize = 2;
 /// Windows of a long capture on which the trust is chosen.
 const TRIALS: usize = 3;
 
@@ -265,9 +263,16 @@ impl Capture<'_, '_> {
             centre_sigma: CENTRE_SIGMA * depth,
         });
         let windows = neighbours::windows(self.poses);
-        let apart = windows.len().div_ceil(TRIALS);
-        let on_trial: Vec<Vec<usize>> = windows.iter().step_by(apart).cloned().collect();
-        let (judge, _) = bundle.window(&on_trial.concat());
+        // Each window on trial is a capture of its own.
+        let of_window = |window: &Vec<usize>| {
+            let own = |v: usize| v == 0 || window.contains(&v);
+            let pairs = self.kept_pairs().into_iter().filter(|pair| own(pair.first) && own(pair.second));
+            tracks::join(self.shots, &pairs.collect::<Vec<_>>(), &rank)
+        };
+        let on_trial = windows.iter().step_by(windows.len().div_ceil(TRIALS));
+        let mut judge =
+            Bundle { cameras: bundle.cameras.clone(), tracks: on_trial.flat_map(of_window).collect() };
+        judge.triangulate();
         let draw = |track: usize| CounterRng::new(seed, "withheld", 0, track as u64).random_range(0..FOLDS);
         let drawn: Vec<usize> = (0..judge.tracks.len()).map(draw).collect();
         // The tracks that are withheld in a fold, or the others.
@@ -276,15 +281,15 @@ impl Capture<'_, '_> {
             let tracks = tracks.map(|(track, _)| track.clone()).collect();
             Bundle { cameras: judge.cameras.clone(), tracks }
         };
-        let refined = |share: f64, mut next: Bundle, windows: &[Vec<usize>]| {
+        let refined = |share: f64, mut next: Bundle| {
             if let Some(given) = &mut next.cameras.given {
                 given.rotation_sigma *= share;
                 given.centre_sigma *= share;
             }
-            next.adjust_windows(windows);
+            next.adjust(STEPS);
             next.triangulate();
             next.drop_outliers(OUTLIER_PIXELS);
-            next.adjust_windows(windows);
+            next.adjust(STEPS);
             next
         };
         // The given poses first, then every trust, each over all folds.
@@ -297,7 +302,7 @@ impl Capture<'_, '_> {
             .map(|&(share, fold)| {
                 let mut judged = part(fold, true);
                 if let Some(share) = share {
-                    judged.cameras.poses = refined(share, part(fold, false), &on_trial).cameras.poses;
+                    judged.cameras.poses = refined(share, part(fold, false)).cameras.poses;
                 }
                 judged.misses()
             })
@@ -308,7 +313,7 @@ impl Capture<'_, '_> {
         let withheld = chosen.map(|chosen| [0, chosen].map(middle));
         let share = chosen.and_then(|chosen| chosen.checked_sub(1)).and_then(|i| TRUST.get(i));
         let bundle = match share {
-            Some(share) => refined(*share, bundle, &windows),
+            Some(share) => refined(*share, bundle),
             None => {
                 // Given poses come without a covariance: that of the matches takes its place.
                 bundle.drop_outliers(OUTLIER_PIXELS);
@@ -320,7 +325,7 @@ impl Capture<'_, '_> {
         // Of each window with the other poses kept.
         let mut covariances = vec![None; bundle.cameras.poses.len()];
         for window in &windows {
-            let found = bundle.window(window).0.covariances(noise).0;
+            let found = bundle.window(window).covariances(noise).0;
             window.iter().for_each(|&v| covariances[v] = found[v]);
         }
         Adjusted { bundle, covariances, accepted: share.is_some(), withheld }
@@ -335,28 +340,15 @@ impl Cameras {
 }
 
 impl Bundle {
-    /// [`adjust`](Self::adjust) of each window's poses in turn, on the tracks that its photographs are part of, with the others
-    /// kept. One window is all photographs.
-    fn adjust_windows(&mut self, windows: &[Vec<usize>]) {
-        let rounds = if windows.len() > 1 { ROUNDS } else { 1 };
-        for window in std::iter::repeat_n(windows, rounds).flatten() {
-            let (mut part, own) = self.window(window);
-            part.adjust(STEPS);
-            self.cameras.poses = part.cameras.poses;
-            own.into_iter().zip(part.tracks).for_each(|(i, track)| self.tracks[i] = track);
-        }
-    }
-
-    /// The bundle of a window, and the indices of its tracks.
-    fn window(&self, window: &[usize]) -> (Self, Vec<usize>) {
-        let shows = |track: &Observed| {
+    /// The tracks that a window's photographs are part of, with the poses of the others kept.
+    fn window(&self, window: &[usize]) -> Self {
+        let shows = |track: &&Observed| {
             window.contains(&track.anchor) || track.views.iter().any(|(v, _)| window.contains(v))
         };
-        let own: Vec<usize> = (0..self.tracks.len()).filter(|&i| shows(&self.tracks[i])).collect();
-        let tracks = own.iter().map(|&i| self.tracks[i].clone()).collect();
+        let tracks = self.tracks.iter().filter(shows).cloned().collect();
         let mut cameras = self.cameras.clone();
         cameras.fixed.iter_mut().enumerate().for_each(|(v, fixed)| *fixed |= !window.contains(&v));
-        (Self { cameras, tracks }, own)
+        Self { cameras, tracks }
     }
 }
 
