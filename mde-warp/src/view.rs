@@ -61,10 +61,9 @@ pub(crate) fn check_image(image: ArrayView3<'_, f32>, camera: &PinholeCamera) ->
         let (found, expected) = (image.shape().to_vec(), expected.to_vec());
         return Err(Error::Shape { what: "image", found, expected });
     }
-    match image.indexed_iter().find(|(_, value)| !value.is_finite()) {
-        Some(((row, column, channel), &value)) => Err(Error::Colour { row, column, channel, value }),
-        None => Ok(()),
-    }
+    let Some(at) = image.iter().position(|value| !value.is_finite()) else { return Ok(()) };
+    let (row, column, channel) = (at / 3 / camera.width, at / 3 % camera.width, at % 3);
+    Err(Error::Colour { row, column, channel, value: image[[row, column, channel]] })
 }
 
 #[cfg(test)]

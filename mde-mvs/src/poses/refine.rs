@@ -19,9 +19,9 @@ use rayon::prelude::*;
 const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
 /// Parts of the tracks, each of which is withheld once.
 const FOLDS: usize = 5;
-/// Standard errors by which a larger move must fit the withheld tracks better.
+/// Standard errors by which moved poses must fit the withheld tracks better than the given ones.
 const BEYOND_NOISE: f64 = 2.0;
-/// Windows of a long capture on which the trust is chosen.
+/// Groups of neighbours of a long capture on which the trust is chosen.
 const TRIALS: usize = 3;
 
 /// Largest standard deviation of a given pose's rotation about each axis, degrees.
@@ -65,10 +65,10 @@ pub struct Refined {
 ///
 /// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
 /// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
-/// count as that, so that wrong matches do not decide. Of the trials and the given poses that fit the withheld tracks as well as the
-/// best within two standard errors, the one that moves least is kept; it is then adjusted to all tracks. Up to 13 photographs are
-/// adjusted at once, more in windows of 12 neighbours in turn, with the other poses kept, and the trials are made on three of the
-/// windows. With fewer than 20 tracks the given poses are kept. The callback counts the pairs of photographs as they are matched.
+/// count as that, so that wrong matches do not decide. The trial of least error is kept, and adjusted to all tracks; the given poses
+/// are where they do not fit worse by more than two standard errors. Of more than 13 photographs the trials are made on three groups
+/// of 12 neighbours, each with its own matches alone. With fewer than 20 tracks the given poses are kept. The callback counts the
+/// pairs of photographs as they are matched.
 ///
 /// # Errors
 /// Those of [`estimate_poses`](super::estimate_poses) but for the prior, [`Error::Config`] for another number of poses than of
@@ -263,7 +263,7 @@ impl Capture<'_, '_> {
             centre_sigma: CENTRE_SIGMA * depth,
         });
         let windows = neighbours::windows(self.poses);
-        // Each window on trial is a capture of its own.
+        // Each group on trial is a capture of its own: with the others kept as given it could not move.
         let of_window = |window: &Vec<usize>| {
             let own = |v: usize| v == 0 || window.contains(&v);
             let pairs = self.kept_pairs().into_iter().filter(|pair| own(pair.first) && own(pair.second));
@@ -308,7 +308,7 @@ impl Capture<'_, '_> {
             })
             .collect();
         let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
-        let chosen = least_moved(&errors);
+        let chosen = best_fitting(&errors);
         let middle = |i: usize| median(errors[i].iter().copied()).unwrap_or(0.0);
         let withheld = chosen.map(|chosen| [0, chosen].map(middle));
         let share = chosen.and_then(|chosen| chosen.checked_sub(1)).and_then(|i| TRUST.get(i));
@@ -352,19 +352,18 @@ impl Bundle {
     }
 }
 
-/// The first of the candidates, the given poses and ever larger moves of them, that is not worse than the best by more than two
-/// standard errors of their difference on the same matches, where matches of one region share an error.
+/// The candidate of least error, or the first, the given poses, where these are not worse by more than two standard errors of the
+/// difference on the same matches, of which those of one region share an error.
 ///
 /// Nothing without matches.
-fn least_moved(errors: &[Vec<f64>]) -> Option<usize> {
-    let sum = |e: &[f64]| e.iter().sum::<f64>();
-    let best = errors.iter().filter(|e| !e.is_empty()).min_by(|a, b| sum(a).total_cmp(&sum(b)))?;
-    errors.iter().position(|e| {
-        let count = e.len() as f64;
-        let mean = (sum(e) - sum(best)) / count;
-        let spread = e.iter().zip(best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
-        mean <= BEYOND_NOISE * (spread / count.min(REGIONS)).sqrt()
-    })
+fn best_fitting(errors: &[Vec<f64>]) -> Option<usize> {
+    let sum = |i: usize| errors[i].iter().sum::<f64>();
+    let found = (0..errors.len()).filter(|i| !errors[*i].is_empty());
+    let best = found.min_by(|a, b| sum(*a).total_cmp(&sum(*b)))?;
+    let count = errors[0].len() as f64;
+    let mean = (sum(0) - sum(best)) / count;
+    let apart = errors[0].iter().zip(&errors[best]).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
+    Some(if mean > BEYOND_NOISE * (apart / count.min(REGIONS)).sqrt() { best } else { 0 })
 }
 
 #[cfg(test)]
@@ -372,15 +371,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn poses_move_no_further_than_matches_ask_for() {
+    fn poses_move_only_where_matches_fit_better() {
         let noisy = |level: f64| (0..200).map(|i| level + 0.1 * f64::from(i * 37 % 11 - 5)).collect();
         let [far, near, nearer]: [Vec<f64>; 3] = [2.0, 1.0, 0.999].map(noisy);
-        // Alike within the error of the mean: the smaller move.
+        // Alike within the error of the mean: the given poses.
         let mut shuffled = near.clone();
         shuffled.rotate_left(3);
-        assert_eq!(least_moved(&[far.clone(), shuffled, nearer]), Some(1));
-        assert_eq!(least_moved(&[near.clone(), near.clone(), far.clone()]), Some(0));
-        assert_eq!(least_moved(&[far.clone(), far, near]), Some(2));
-        assert_eq!(least_moved(&[vec![], vec![]]), None);
+        assert_eq!(best_fitting(&[shuffled.clone(), far.clone(), nearer.clone()]), Some(0));
+        assert_eq!(best_fitting(&[near.clone(), near.clone(), far.clone()]), Some(0));
+        assert_eq!(best_fitting(&[far.clone(), shuffled, nearer]), Some(2));
+        assert_eq!(best_fitting(&[vec![], vec![]]), None);
     }
 }
