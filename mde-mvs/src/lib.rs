@@ -20,7 +20,7 @@ pub use sweep::{consensus, evidence, exposure, patches, planes, scale, sigma, vi
 pub use {nalgebra, ndarray};
 
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use std::ops::ControlFlow;
 
 /// Progress callback: the pieces of work that are done, and their number. `Break` ends the work with [`Error::Interrupted`].
@@ -51,12 +51,6 @@ fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) 
 /// The place of a camera in the world.
 fn centre(pose: &Pose) -> Vector3<f64> {
     pose.inverse().translation.vector
-}
-
-/// Whether a pixel position lies on the image, which reaches half a pixel beyond the outermost centres.
-fn on_image(camera: &PinholeCamera, pixel: Point2<f64>) -> bool {
-    let inside = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
-    inside(pixel.x, camera.width) && inside(pixel.y, camera.height)
 }
 
 /// The nearest pixel, row and column, of a point in the frame of the camera, where it lies on the image.

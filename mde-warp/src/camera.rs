@@ -134,7 +134,7 @@ impl PinholeCamera {
     }
 
     /// Whether a pixel position lies on the image, whose pixels are unit squares about their centres.
-    pub(crate) fn contains(&self, pixel: Point2<f64>) -> bool {
+    pub fn contains(&self, pixel: Point2<f64>) -> bool {
         let inside = |x: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&x);
         inside(pixel.x, self.width) && inside(pixel.y, self.height)
     }

@@ -5,8 +5,6 @@ use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3};
 use ndarray::ArrayView3;
 
-use crate::on_image;
-
 use super::error::unsupported;
 use super::tum::{lines, number, numbers};
 use super::{
@@ -70,7 +68,7 @@ pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths
         |(position, error, _)| {
             let point = pose.transform_point(&Point3::from(*position));
             let pixel = lens.photograph_pixel(lens.camera.project(&point)?)?;
-            let usable = point.z.is_finite() && error.is_finite() && on_image(&lens.camera, pixel);
+            let usable = point.z.is_finite() && error.is_finite() && lens.camera.contains(pixel);
             usable.then_some((pixel, point.z))
         },
     );

@@ -4,7 +4,6 @@ use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;
 
 use crate::capture::{Error, Result};
-use crate::on_image;
 use crate::raster::bilinear;
 
 /// Brown's distortion as OpenCV writes it; all zero is none.
@@ -125,7 +124,7 @@ impl Lens {
         }
         let colour = |at: usize| {
             let pixel = Point2::new((at % w) as f64, (at / w) as f64);
-            let at = self.photograph_pixel(pixel).filter(|at| on_image(&self.camera, *at))?;
+            let at = self.photograph_pixel(pixel).filter(|at| self.camera.contains(*at))?;
             let [x, y] = [at.x.clamp(0.0, (w - 1) as f64), at.y.clamp(0.0, (h - 1) as f64)];
             Some(bilinear(photograph, x, y))
         };

@@ -1,7 +1,6 @@
 //! What uncertain poses do to depth.
 
 use super::bundle::twist;
-use crate::on_image;
 use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
 use ndarray::{Array2, ArrayView2};
@@ -65,7 +64,7 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
     }
     let camera = &view.camera;
     let pixel = camera.project(&Point3::from(there))?;
-    if !on_image(camera, pixel) {
+    if !camera.contains(pixel) {
         return None;
     }
     let across = Vector3::new(camera.fx / there.z, 0.0, -camera.fx * there.x / (there.z * there.z));

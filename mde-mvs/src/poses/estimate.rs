@@ -150,9 +150,8 @@ pub fn estimate_poses(
     callback: &mut Callback<'_>,
 ) -> Result<Estimated> {
     let sorted = reference_first(photographs, reference)?;
-    if photographs[reference].prior.is_none() {
-        return Err(OutOfRange::new("prior of the reference", "missing", "give its depth").into());
-    }
+    let has_prior = photographs[reference].prior.is_some();
+    OutOfRange::check(has_prior, "prior of the reference", &"missing", "give its depth")?;
     let shots = FeatureImage::all(&sorted, MAX_FEATURES)?;
     let features: Vec<&Features> = shots.iter().map(|shot| &shot.features).collect();
     let compare = |[i, j]: [usize; 2]| {

@@ -142,14 +142,10 @@ impl<'a> FeatureImage<'a> {
 
 /// The reference, then the others in the order given.
 fn reference_first<'a>(photographs: &[PoseInput<'a>], reference: usize) -> Result<Vec<PoseInput<'a>>> {
-    if photographs.len() < 2 {
-        return Err(OutOfRange::new("number of photographs", photographs.len(), "give at least 2").into());
-    }
-    if reference >= photographs.len() {
-        return Err(
-            OutOfRange::new("reference", reference, "give the index of one of the photographs").into()
-        );
-    }
+    let count = photographs.len();
+    OutOfRange::check(count >= 2, "number of photographs", &count, "give at least 2")?;
+    let remedy = "give the index of one of the photographs";
+    OutOfRange::check(reference < count, "reference", &reference, remedy)?;
     let mut sorted = photographs.to_vec();
     sorted[..=reference].rotate_right(1);
     Ok(sorted)

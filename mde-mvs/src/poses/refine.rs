@@ -81,9 +81,8 @@ pub fn refine_poses(
     callback: &mut Callback<'_>,
 ) -> Result<Refined> {
     let sorted = reference_first(photographs, reference)?;
-    if poses.len() != photographs.len() {
-        return Err(OutOfRange::new("number of poses", poses.len(), "give one for each photograph").into());
-    }
+    let as_many = poses.len() == photographs.len();
+    OutOfRange::check(as_many, "number of poses", &poses.len(), "give one for each photograph")?;
     let mut numbers = poses.iter().flat_map(|p| p.translation.vector.iter().chain(p.rotation.coords.iter()));
     if !numbers.all(|x| x.is_finite()) {
         return Err(Error::View(mde_warp::Error::Pose { which: "given" }));

@@ -225,21 +225,16 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
     let pixels = from.camera.width * from.camera.height;
     match surfaces {
         Surfaces::Planes { near, far } => {
-            if !(near > 0.0 && near.is_finite()) {
-                return Err(OutOfRange::new("near", near, "give a positive depth").into());
-            }
-            if far.is_nan() || far <= near {
-                return Err(OutOfRange::new("far", far, "give a depth beyond near").into());
-            }
+            OutOfRange::check(near > 0.0 && near.is_finite(), "near", &near, "give a positive depth")?;
+            OutOfRange::check(far > near, "far", &far, "give a depth beyond near")?;
             // Infinity itself has no depth: the farthest plane is then at a thousand times the nearest.
             let least = if far.is_finite() { far.recip() } else { 1e-3 / near };
             Ok((vec![1.0; pixels], [least, near.recip()], false))
         }
         Surfaces::Around { depth, factor } | Surfaces::Ladder { depth, factor } => {
             check_map("depth", depth.dim(), &from.camera)?;
-            if !(factor > 1.0 && factor.is_finite()) {
-                return Err(OutOfRange::new("factor", factor, "give a number above 1").into());
-            }
+            let sound = factor > 1.0 && factor.is_finite();
+            OutOfRange::check(sound, "factor", &factor, "give a number above 1")?;
             let good = |z: f32| z > 0.0 && z.is_finite();
             let middle =
                 median(depth.iter().filter(|z| good(**z)).map(|&z| f64::from(z))).ok_or_else(|| {

@@ -62,15 +62,9 @@ impl Features {
 
     fn detect_within(image: ArrayView3<f32>, max_features: usize, finest_pixels: usize) -> Result<Self> {
         let (height, width, channels) = image.dim();
-        if channels != 3 {
-            return Err(OutOfRange::new("image channels", channels, "give red, green and blue").into());
-        }
-        if height.min(width) < 16 {
-            let side = height.min(width);
-            return Err(
-                OutOfRange::new("smaller side of a photograph", side, "give 16 pixels or more").into()
-            );
-        }
+        let side = height.min(width);
+        OutOfRange::check(channels == 3, "image channels", &channels, "give red, green and blue")?;
+        OutOfRange::check(side >= 16, "smaller side of a photograph", &side, "give 16 pixels or more")?;
         let space = ScaleSpace::new(image, finest_pixels);
         let mut found = extrema::find(&space);
         // Equal responses keep the order of the scan, so the choice is the same every time.
