@@ -82,7 +82,7 @@ pub(super) struct Given {
 pub(super) struct Cameras {
     pub(super) lenses: Vec<Lens>,
     pub(super) poses: Vec<Pose>,
-    /// Poses that are kept: the reference's, and those outside the window of an adjustment.
+    /// Poses that are kept, the reference's at least.
     pub(super) fixed: Vec<bool>,
     /// Logarithm of the common factor of the assumed focal lengths.
     pub(super) log_focal: f64,

@@ -79,7 +79,7 @@ pub(super) fn all(count: usize) -> Vec<[usize; 2]> {
     (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j])).collect()
 }
 
-/// Groups of neighbours whose poses are adjusted together; every photograph is in one. The first is the reference, which stays.
+/// Groups of neighbours, by which refinements are judged and covariances found; all but the first, the reference, are in one.
 pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
     let mut open: BTreeSet<usize> = (1..poses.len()).collect();
     let mut windows = Vec::new();
