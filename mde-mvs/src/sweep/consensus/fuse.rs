@@ -16,6 +16,10 @@ use crate::sweep::Sweep;
 use crate::sweep::correction::correct;
 use crate::sweep::edge::own_contrast;
 
+/// Share of the photograph that matches must cover for their deviation to count as much as the range of the surfaces: on a plain wall few
+/// pixels match, all in the middle of the range.
+const COVERED: f32 = 0.005;
+
 /// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
 /// both are fused by precision, the sweep being right with a probability only.
 pub(super) struct Fused {
@@ -66,13 +70,15 @@ pub(super) fn fuse(
         let trusted = chance[at] > TRUSTED && known(at.0, at.1).is_some();
         if trusted { chance[at] * own[at] } else { 0.0 }
     });
-    let matched = residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0);
-    let spread = robust_deviation(matched.map(|(r, _)| f64::from(*r)));
-    let spread = spread.unwrap_or(0.2).clamp(0.02, 1.0) as f32;
+    let matched = residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0).map(|(r, _)| f64::from(*r));
+    let matched = robust_deviation(matched).unwrap_or(0.0).clamp(0.02, 1.0) as f32;
+    let (covered, range) = (weight.sum() / weight.len() as f32, factor.ln() as f32);
+    // Even values from -a to a have the variance a^2 / 3.
+    let variance = (covered * matched.powi(2) + COVERED * range.powi(2) / 3.0) / (covered + COVERED);
     let filled = log_prior.mapv(|p| if p.is_finite() { p } else { 0.0 });
-    let field = correct(&residual, &weight, [&luma(view.image.view()), &filled], spread);
+    let field = correct(&residual, &weight, [&luma(view.image.view()), &filled], variance.sqrt());
     // A wrong match lies anywhere among the surfaces.
-    let anywhere = 1.0 / (2.0 * factor.ln()) as f32;
+    let anywhere = 1.0 / (2.0 * range);
     let [mut mean, mut inlier, mut corrected, mut ambiguity] = [(); 4].map(|()| Array2::zeros(shape));
     let mut variance = Array2::from_elem(shape, f32::INFINITY);
     for (at, &p) in log_prior.indexed_iter() {
@@ -156,12 +162,32 @@ mod tests {
     use crate::sweep::consensus::chance::tests::sure;
     use crate::synthetic::room;
 
+    /// A view, and a prior that is 1 everywhere.
+    fn flat() -> (PosedView, GaussianDepth) {
+        let view = room(1.0).0.swap_remove(0);
+        let shape = view.camera.dim();
+        (view, GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.01)).unwrap())
+    }
+
+    /// A few matches that agree do not tell where the other pixels are; many do.
+    #[test]
+    fn few_matches_leave_the_other_pixels_open() {
+        let (view, prior) = flat();
+        let sweep = sure(prior.dim(), 1.0, 1e-6);
+        let far = |share: usize| {
+            let chance = Array2::from_shape_fn(prior.dim(), |(_, x)| if x < share { 0.95 } else { 0.0 });
+            let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
+            fused.depth.get(30, prior.dim().1 - 1).map(|(z, v)| v.sqrt() / z).unwrap()
+        };
+        assert!(far(1) > 0.1, "{}", far(1));
+        assert!(far(40) < 0.05, "{}", far(40));
+    }
+
     /// Equal matches on the right give the correction on the left a small variance; where nothing is visible it has to be the prior's.
     #[test]
     fn beyond_the_other_photographs_the_prior_stays_uncertain() {
-        let view = room(1.0).0.swap_remove(0);
+        let (view, prior) = flat();
         let shape = view.camera.dim();
-        let prior = GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.01)).unwrap();
         let sweep = sure(shape, 1.2, 1e-6);
         let seen = Array2::from_shape_fn(shape, |(_, x)| x >= 8);
         let chance = seen.mapv(|seen| if seen { 0.95 } else { 0.0 });
