@@ -143,14 +143,6 @@ impl Default for MultiViewConfig {
 }
 
 impl Config {
-    /// The preset with the values of a TOML text over it. `origin` names the text in errors.
-    ///
-    /// # Errors
-    /// Those of [`Config::with_text`].
-    pub fn with_overrides(preset: Preset, text: &str, origin: &str) -> Result<Self> {
-        preset.config().with_text(text, origin)
-    }
-
     /// The same configuration with the values of a TOML text over it. `origin` names the text in errors.
     ///
     /// # Errors
@@ -307,7 +299,7 @@ mod tests {
     #[test]
     fn overrides_change_what_they_name_and_another_kind_starts_from_its_own_defaults() {
         let text = "seed = 9\n[nerf.train]\nsteps = 7\n[nerf.field]\nkind = \"hash\"\nlevels = 6\n";
-        let config = Config::with_overrides(Preset::Paper, text, "test").unwrap();
+        let config = Preset::Paper.config().with_text(text, "test").unwrap();
         let mut expected = Preset::Paper.config();
         (expected.seed, expected.nerf.train.steps) = (9, 7);
         expected.nerf.field = FieldConfig::Hash(HashFieldConfig { levels: 6, ..HashFieldConfig::default() });

@@ -93,7 +93,10 @@ impl PhotographRow {
             .map(|[scale, _]| if result.unit == "capture" { 1.0 } else { scale });
         let camera = &result.camera;
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
-        (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
+        self.fx = Some(camera.camera.fx);
+        let source = serde_json::json!(camera.source);
+        let name = source.as_str().or_else(|| source.as_object()?.keys().next().map(String::as_str));
+        self.camera = name.unwrap_or_default().to_owned();
         self.unit = result.unit.to_owned();
         self.same_scale = result.same_scale.map(|found| found.factor);
         self.same_scale_sigma = result.same_scale.map(|found| found.log_sigma);

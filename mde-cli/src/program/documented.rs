@@ -1,6 +1,6 @@
 //! Checks of the documents and of the help: their commands, options and settings exist.
 
-use crate::config::{Config, Preset};
+use crate::config::Preset;
 use crate::program::Cli;
 use crate::program::args::Command as Subcommand;
 use crate::program::evaluation::{Method, ablation};
@@ -81,7 +81,7 @@ fn commands_and_settings_of_the_documents_and_the_help_are_taken() {
                 && to.ends_with(".toml")
             {
                 settings += 1;
-                Config::with_overrides(Preset::Default, &text.replace("\\n", "\n"), to).unwrap();
+                Preset::Default.config().with_text(&text.replace("\\n", "\n"), to).unwrap();
             }
         }
     }

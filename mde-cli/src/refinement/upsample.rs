@@ -4,7 +4,7 @@ use mde_prior::Certainty;
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::JointUpsampling;
-use ndarray::{Array2, ArrayView3, Axis};
+use ndarray::{Array2, Array3, ArrayView3, Axis, Zip};
 use rayon::prelude::*;
 
 /// Standard deviation of the upsampling in colour (0 to 1).
@@ -27,23 +27,16 @@ impl Refinement {
         maps.extend(self.components.iter().map(|component| component.sigma.clone()));
         let count = maps.len();
         let views: Vec<_> = maps.iter().map(|map| map.view()).collect();
-        // The rows of all maps one after the other, so that each thread writes rows of its own.
-        let mut rows = vec![0.0_f32; height * count * width];
-        rows.par_chunks_mut((count * width).max(1)).enumerate().try_for_each(|(y, rows)| {
+        let mut upsampled = Array3::<f32>::zeros((height, count, width));
+        let rows = upsampled.as_slice_mut().unwrap_or_default().par_chunks_mut((count * width).max(1));
+        rows.enumerate().try_for_each(|(y, rows)| {
             let mut rows: Vec<&mut [f32]> = rows.chunks_mut(width.max(1)).collect();
             upsampling.row(&views, y, &mut rows)
         })?;
-        let row = |index: usize, y: usize| &rows[(y * count + index) * width..][..width];
         // The values of a map where there is a depth.
         let known = |index: usize, missing: f32, value: fn(f32) -> f32| {
-            let mut map = Array2::from_elem((height, width), missing);
-            let lines = map.as_slice_mut().unwrap_or_default().par_chunks_mut(width.max(1));
-            lines.enumerate().for_each(|(y, out)| {
-                for ((out, &s), &z) in out.iter_mut().zip(row(index, y)).zip(row(0, y)) {
-                    *out = if z > 0.0 { value(s) } else { missing };
-                }
-            });
-            map
+            let [map, depth] = [index, 0].map(|index| upsampled.index_axis(Axis(1), index));
+            Zip::from(map).and(depth).map_collect(|&s, &z| if z > 0.0 { value(s) } else { missing })
         };
         let depth = known(0, 0.0, |z| z);
         let variance = known(1, f32::INFINITY, |s| s * s);

@@ -65,22 +65,6 @@ pub enum CameraSource {
     Scene,
 }
 
-impl CameraSource {
-    /// A word for a table.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Flags => "flags",
-            Self::FieldOfView(_) => "field-of-view",
-            Self::File(_) => "file",
-            Self::Exif(_) => "exif",
-            Self::Network => "network",
-            Self::Assumed(_) => "assumed",
-            Self::Estimated(_) => "estimated",
-            Self::Scene => "scene",
-        }
-    }
-}
-
 impl KnownCamera {
     /// The camera of a photograph of that size, with the focal length of its EXIF in millimetres of 35 mm film.
     ///

@@ -1,12 +1,12 @@
 //! Several photographs through the program.
 
 use crate::common::{Place, SIZE, STUDY, finished, names, on_disk, ratios, rendered, wait_until};
+use mde_cli::Preset;
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::image_size;
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::refiner::scene_bytes;
-use mde_cli::{Config, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
 use mde_uncertainty::statistics::median;
@@ -95,7 +95,7 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
     assert!(capture["poses"] != "estimated" && capture["fallback"].is_null(), "{capture}");
     assert!(place.has("capture/report.html") && place.has("capture/sigma.npy"));
     if let Some(peak) = record["peak_memory_bytes"].as_u64() {
-        let config = Config::with_overrides(Preset::MultiView, &place.text("quick.toml"), "quick").unwrap();
+        let config = Preset::MultiView.config().with_text(&place.text("quick.toml"), "quick").unwrap();
         let estimate = scene_bytes((SIZE[0] * SIZE[1]) as u64, 4, 4, 2, &config);
         assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
     }

@@ -29,7 +29,7 @@ fusion.prior-variance = 'fixed-relative'
 
 /// A preset with settings in TOML over it.
 pub(crate) fn config(preset: Preset, text: &str) -> Config {
-    Config::with_overrides(preset, text, "test").unwrap()
+    preset.config().with_text(text, "test").unwrap()
 }
 
 /// The simulated prior of each photograph.

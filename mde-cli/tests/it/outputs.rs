@@ -1,9 +1,9 @@
 //! The files of a run: maps that agree with each other and with the record, its report, its error bars.
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, ratios, report_data, shared, tiny};
+use mde_cli::Preset;
 use mde_cli::mde_prior::format::{ReadOptions, read_depth, write_depth};
 use mde_cli::refiner::calibration;
-use mde_cli::{Config, Preset};
 use mde_uncertainty::statistics::median;
 use serde_json::{Value, json};
 use std::fs;
@@ -30,7 +30,7 @@ fn check_outputs(place: &Place, folder: &str) -> Value {
         assert!(f64::from((png - depth).abs()) <= 0.5001 / scale + 1e-6 * f64::from(*depth), "{png} {depth}");
     }
     let text = place.text(&format!("{folder}/config.toml"));
-    let config = Config::with_overrides(Preset::Default, &text, "config.toml").unwrap();
+    let config = Preset::Default.config().with_text(&text, "config.toml").unwrap();
     let iterations = record["iterations"].as_array().unwrap();
     assert_eq!(iterations.len(), config.refinement.iterations);
     for iteration in iterations {
@@ -242,7 +242,7 @@ fn a_printed_preset_is_a_configuration() {
     let place = Place::new();
     for preset in Preset::ALL {
         let text = place.run(&format!("config --preset {}", preset.name()));
-        assert_eq!(Config::with_overrides(Preset::Paper, &text, "stdout").unwrap(), preset.config());
+        assert_eq!(Preset::Paper.config().with_text(&text, "stdout").unwrap(), preset.config());
     }
 }
 

@@ -54,7 +54,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     );
     let settings = folder.join("config.toml");
     let toml = read_text(&settings)?;
-    let config = Config::with_overrides(Preset::Default, &toml, &settings.display().to_string())?;
+    let config = Preset::Default.config().with_text(&toml, &settings.display().to_string())?;
     let path = folder.join("image.png");
     let image = read_image(&path).with_context(|| {
         format!("{}: the report needs the image; run the refinement again", path.display())
