@@ -425,7 +425,7 @@ def load(path):
 
 
 def check_capture(page):
-    """Points and cameras of a capture turn, zoom and can be filtered; pictures and table fit."""
+    """Points, cameras and the surface of a capture turn, zoom and can be filtered; pictures and table fit."""
     loaded = page.value("Promise.all([...document.images].map((i) => { i.loading = 'eager'; return i.decode(); })).then(() => true)")
     check(loaded, "a picture is broken")
     cut = page.value("[...document.images].filter((i) => i.getBoundingClientRect().width > innerWidth).length")
@@ -446,13 +446,20 @@ def check_capture(page):
     changed("an arrow key")
     count = "+document.getElementById('capture-count').textContent.match(/([0-9,]+) of/)[1].replaceAll(',', '')"
     every = page.value(count)
-    page.value("(() => { const s = document.querySelector('#capture select'); s.value = '2'; s.dispatchEvent(new Event('change')); })()")
+
+    def choose(which, value):
+        page.value(f"(() => {{ const s = [...document.querySelectorAll('#capture select')].at({which}); s.value = '{value}'; s.dispatchEvent(new Event('change')); }})()")
+
+    choose(-1, "2")
     changed("the filter")
     some = page.value(count)
     check(0 < some < every, f"{some} of {every} points are confirmed twice")
     page.value("document.getElementById('capture-cloud').focus()")
     page.key("0")
     changed("0")
+    choose(0, "surface")
+    changed("the surface")
+    check(page.value("/[1-9].* triangles/.test(document.getElementById('capture-count').textContent)"), "the surface has no triangles")
 
 
 def check_evaluation(page, folder):

@@ -32,10 +32,14 @@ fn several_photographs_need_no_network() {
     let depth = place.map("parallax/depth.npy");
     let error = median(ratios(depth.view(), &STUDY.truth).map(|ratio| (ratio - 1.0).abs())).unwrap();
     assert!(error < 0.05, "{error}");
-    place.run("dense transforms.json --no-nerf -q -o all");
+    place.run("dense transforms.json --no-nerf --export mesh -q -o all");
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
     let page = place.text("all/index.html");
     assert!(page.contains("id=\"capture\"") && page.contains("\"folder\":\"3\""), "no view of the capture");
+    assert!(
+        page.contains("\"triangles\":\"") && !page.contains("\"triangles\":\"\""),
+        "no surface of the capture"
+    );
     // Without the cloud there is no view, and no error.
     fs::remove_file(place.path("all/cloud.ply")).unwrap();
     place.run("report all");

@@ -1,55 +1,46 @@
-//! The points and cameras of a capture in one view, above the table of its photographs.
+//! The points, surface and cameras of a capture in one view, above the table of its photographs.
 
-use crate::output::every::{CLOUD, PhotographRow};
+use crate::output::every::{CLOUD, MESHES, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::program::report::{page, read_json};
 use anyhow::{Context, Result};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
+use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 
 /// Points at most: the page stays below two megabytes.
 const POINTS: usize = 120_000;
+/// Steps of a grid across the surface, of whose cells each has one vertex: the surface adds about as much.
+const CELLS: f32 = 128.0;
 /// Steps of a coordinate across the cloud.
 const STEPS: f32 = 65535.0;
-/// The last property of a point and the end of the header.
-const END: &[u8] = b"property float sigma\nproperty uchar confirmed\nend_header\n";
-/// Bytes of a point of [`CLOUD`], and where its colour and the number of photographs that confirm it stand.
-const STRIDE: usize = 32;
+/// Bytes of a point of [`CLOUD`] and of a vertex of [`MESHES`], and where the colour of both and the number of photographs that confirm a
+/// point stand.
+const POINT: usize = 32;
+const VERTEX: usize = 31;
 const COLOUR: usize = 24;
 const CONFIRMED: usize = 31;
+/// Bytes of a triangle: the number of its corners, and their indices.
+const TRIANGLE: usize = 13;
 
 /// The view of a finished folder, for its page; nothing where its cloud is gone, has no points, or was written with other properties.
 pub(super) fn view(folder: &Path, rows: &[PhotographRow]) -> Result<Option<String>> {
-    let path = folder.join(CLOUD);
-    if !(path.is_file() && folder.join(TRANSFORMS).is_file()) {
-        return Ok(None);
-    }
-    let cloud = fs::read(&path).with_context(|| format!("{}: can't be read", path.display()))?;
-    let start =
-        cloud.windows(END.len()).position(|bytes| bytes == END).map_or(cloud.len(), |at| at + END.len());
-    let every = ((cloud.len() - start) / STRIDE).div_ceil(POINTS).max(1);
-    let points: Vec<&[u8]> = cloud[start..].chunks_exact(STRIDE).step_by(every).collect();
+    let read = |name: &str| {
+        let path = folder.join(name);
+        let bytes = path.is_file().then(|| fs::read(&path)).transpose();
+        bytes.with_context(|| format!("{}: can't be read", path.display()))
+    };
+    let Some(cloud) = read(CLOUD)?.filter(|_| folder.join(TRANSFORMS).is_file()) else { return Ok(None) };
+    let points = after(&cloud, b"property float sigma\nproperty uchar confirmed\nend_header\n");
+    let every = (points.len() / POINT).div_ceil(POINTS).max(1);
+    let points: Vec<&[u8]> = points.chunks_exact(POINT).step_by(every).collect();
     if points.is_empty() {
         return Ok(None);
     }
-    let number =
-        |bytes: &[u8], axis: usize| bytes[4 * axis..4 * axis + 4].try_into().map_or(0.0, f32::from_le_bytes);
-    let range = [0, 1, 2].map(|axis| {
-        let values = points.iter().map(|bytes| number(bytes, axis));
-        values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
-    });
-    let mut data = Vec::new();
-    for bytes in &points {
-        for (axis, [low, high]) in range.into_iter().enumerate() {
-            let share = (number(bytes, axis) - low) / (high - low).max(f32::MIN_POSITIVE);
-            data.extend(((share * STEPS).round() as u16).to_le_bytes());
-        }
-        data.extend(&bytes[COLOUR..COLOUR + 3]);
-        data.push(bytes[CONFIRMED]);
-    }
+    let surface = read(MESHES[0])?.and_then(|mesh| surface(&mesh));
     let transforms: Value = read_json(&folder.join(TRANSFORMS))?;
     let cameras = transforms["frames"].as_array().into_iter().flatten().filter_map(|frame| {
         let name = frame["file_path"].as_str()?.split_once('/')?.0;
@@ -59,6 +50,71 @@ pub(super) fn view(folder: &Path, rows: &[PhotographRow]) -> Result<Option<Strin
         Some(json!({ "name": row.photograph, "folder": name, "sigma": row.sigma, "lens": lens }))
     });
     let cameras: Vec<Value> = cameras.collect();
-    let data = json!({ "points": { "range": range, "data": STANDARD.encode(data) }, "cameras": cameras });
+    let data = json!({ "points": packed(&points), "surface": surface, "cameras": cameras });
     Ok(Some(page::embedded(&data)))
+}
+
+/// What follows the end of a header; nothing where the file has another.
+fn after<'a>(file: &'a [u8], end: &[u8]) -> &'a [u8] {
+    file.windows(end.len()).position(|bytes| bytes == end).map_or(&[], |at| &file[at + end.len()..])
+}
+
+fn coordinate(point: &[u8], axis: usize) -> f32 {
+    point[4 * axis..4 * axis + 4].try_into().map_or(0.0, f32::from_le_bytes)
+}
+
+/// The least and the greatest coordinate on each axis.
+fn range(points: &[&[u8]]) -> [[f32; 2]; 3] {
+    [0, 1, 2].map(|axis| {
+        let values = points.iter().map(|point| coordinate(point, axis));
+        values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+    })
+}
+
+/// The place of a point in its range, in steps.
+fn place(point: &[u8], range: &[[f32; 2]; 3], steps: f32) -> [u16; 3] {
+    [0, 1, 2].map(|axis| {
+        let [low, high] = range[axis];
+        ((coordinate(point, axis) - low) / (high - low).max(f32::MIN_POSITIVE) * steps).round() as u16
+    })
+}
+
+/// Places, colours, and the photographs that confirm: all of a vertex.
+fn packed(points: &[&[u8]]) -> Value {
+    let range = range(points);
+    let bytes = |point: &&[u8]| {
+        let place = place(point, &range, STEPS).into_iter().flat_map(u16::to_le_bytes);
+        let confirmed = point.get(CONFIRMED).copied().unwrap_or(u8::MAX);
+        place.chain(point[COLOUR..COLOUR + 3].iter().copied()).chain([confirmed]).collect::<Vec<u8>>()
+    };
+    let data: Vec<u8> = points.iter().flat_map(bytes).collect();
+    json!({ "range": range, "data": STANDARD.encode(data) })
+}
+
+/// The vertices of a surface, the first of each cell of a grid, and the triangles that are left.
+fn surface(file: &[u8]) -> Option<Value> {
+    let count = after(file, b"element vertex ").split(|byte| *byte == b'\n').next()?;
+    let count: usize = std::str::from_utf8(count).ok()?.parse().ok()?;
+    let (vertices, triangles) = after(file, b"end_header\n").split_at_checked(VERTEX * count)?;
+    let vertices: Vec<&[u8]> = vertices.chunks_exact(VERTEX).collect();
+    let (range, mut kept, mut cells) = (range(&vertices), Vec::new(), HashMap::new());
+    let merged = vertices.iter().map(|vertex| {
+        *cells.entry(place(vertex, &range, CELLS)).or_insert_with(|| {
+            kept.push(*vertex);
+            kept.len() as u32 - 1
+        })
+    });
+    let merged: Vec<u32> = merged.collect();
+    let corners = triangles.chunks_exact(TRIANGLE).filter_map(|triangle| {
+        let corner = |at: usize| {
+            let index = triangle[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
+            merged.get(index as usize).copied()
+        };
+        let [a, b, c] = [corner(1)?, corner(5)?, corner(9)?];
+        (a != b && b != c && c != a).then_some([a, b, c])
+    });
+    let corners: Vec<u8> = corners.flatten().flat_map(u32::to_le_bytes).collect();
+    let mut packed = packed(&kept);
+    packed["triangles"] = json!(STANDARD.encode(corners));
+    Some(packed)
 }

@@ -6,10 +6,12 @@ const PAGE: &str = include_str!("assets/page.html");
 pub(super) const STYLE: &str = include_str!("assets/report.css");
 const COMMON: &str = include_str!("assets/common.js");
 const ORBIT: &str = include_str!("assets/orbit.js");
+const TRIANGLE: &str = include_str!("assets/triangle.js");
 /// Everything that the scripts share, then the parts, then the start.
-const SCRIPTS: [&str; 10] = [
+const SCRIPTS: [&str; 11] = [
     COMMON,
     ORBIT,
+    TRIANGLE,
     include_str!("assets/layers.js"),
     include_str!("assets/photographs.js"),
     include_str!("assets/viewer.js"),
@@ -30,7 +32,7 @@ pub(super) fn page(title: &str, data: &Value) -> String {
 
 /// The view of a capture within another page: its place, its data and its scripts.
 pub(super) fn embedded(data: &Value) -> String {
-    let script = [COMMON, ORBIT, include_str!("assets/capture.js")].concat();
+    let script = [COMMON, ORBIT, TRIANGLE, include_str!("assets/capture.js")].concat();
     let data = inert(data);
     format!(
         "<div id=\"capture\"></div>\n<script type=\"application/json\" id=\"data\">{data}</script>\n\

@@ -1,4 +1,4 @@
-// The points of a capture and its cameras, drawn with a depth buffer on a plain canvas, without WebGL.
+// The points or the surface of a capture and its cameras, drawn with a depth buffer on a plain canvas, without WebGL.
 
 /** Bytes of a point: three coordinates of 16 bits, a colour, the number of photographs that confirm it. */
 const POINT = 10;
@@ -6,18 +6,9 @@ const POINT = 10;
 const PYRAMID = 0.09, DISTANCE = 2.2;
 
 function captureView() {
-  const { range, data } = report.points;
-  const bytes = bytesOf(data), count = bytes.length / POINT;
-  const values = new DataView(bytes.buffer);
   const frame = uprightFrame(report.cameras);
-  const xyz = new Float32Array(3 * count), colours = new Uint32Array(count), confirmed = new Uint8Array(count);
-  for (let i = 0; i < count; i += 1) {
-    const at = POINT * i;
-    const world = range.map(([low, high], axis) => low + ((high - low) * values.getUint16(at + 2 * axis, true)) / 65535);
-    xyz.set(frame.map((axis) => dot(axis, world)), 3 * i);
-    colours[i] = 0xff000000 | (bytes[at + 8] << 16) | (bytes[at + 7] << 8) | bytes[at + 6];
-    confirmed[i] = bytes[at + 9];
-  }
+  const { xyz, colours, confirmed } = unpacked(report.points, frame), count = colours.length;
+  const surface = report.surface && { ...unpacked(report.surface, frame), corners: new Uint32Array(bytesOf(report.surface.triangles).buffer) };
   const pivot = [0, 1, 2].map((axis) => quantiles(xyz.filter((_, i) => i % 3 === axis), [0.5])[0]);
   const apart = Float32Array.from({ length: count }, (_, i) => Math.hypot(...pivot.map((p, axis) => xyz[3 * i + axis] - p)));
   const centres = report.cameras.map((camera) => pyramid(camera.lens, frame, 0)[0]);
@@ -28,7 +19,7 @@ function captureView() {
   const [doubtful] = quantiles(sigmas, [0.8]);
   const pyramids = report.cameras.map((camera) => ({ ...camera, corners: pyramid(camera.lens, frame, PYRAMID * radius) }));
   const start = { turn: 0.35, tilt: 0.5, zoom: 1 };
-  const state = { ...start, least: 1, near: null };
+  const state = { ...start, least: 1, near: null, surface: false };
 
   const canvas = make("canvas", {
     id: "capture-cloud", tabindex: "0", role: "img",
@@ -45,6 +36,17 @@ function captureView() {
     const picture = context.createImageData(wide, high);
     const words = new Uint32Array(picture.data.buffer), buffer = new Float32Array(wide * high).fill(Infinity);
     place = projection(wide, high);
+    const target = { words, buffer, wide, high };
+    const drawn = state.surface ? triangles(target) : splat(target);
+    context.putImageData(picture, 0, 0);
+    const style = getComputedStyle(canvas);
+    for (const camera of pyramids) outline(camera, style.getPropertyValue(camera.sigma >= doubtful ? "--focus" : "--accent"));
+    const name = state.near ? `${state.near.name}, sigma / depth ${percent(state.near.sigma)}: click to open its report. ` : "";
+    shown.textContent = `${name}${drawn}, ${pyramids.length} cameras; the least sure fifth is orange.`;
+  });
+
+  /** Draws the points; gives their number. */
+  function splat({ words, buffer, wide, high }) {
     const spacing = (2.2 * radius * high) / Math.sqrt(count);
     let drawn = 0;
     for (let i = 0; i < count; i += 1) {
@@ -61,12 +63,16 @@ function captureView() {
         }
       }
     }
-    context.putImageData(picture, 0, 0);
-    const style = getComputedStyle(canvas);
-    for (const camera of pyramids) outline(camera, style.getPropertyValue(camera.sigma >= doubtful ? "--focus" : "--accent"));
-    const name = state.near ? `${state.near.name}, sigma / depth ${percent(state.near.sigma)}: click to open its report. ` : "";
-    shown.textContent = `${name}${drawn.toLocaleString("en")} of ${count.toLocaleString("en")} points, ${pyramids.length} cameras; the least sure fifth is orange.`;
-  });
+    return `${drawn.toLocaleString("en")} of ${count.toLocaleString("en")} points`;
+  }
+
+  /** Draws the surface; gives the number of its triangles. */
+  function triangles(target) {
+    const screen = new Float32Array(surface.xyz.length), { corners } = surface;
+    for (let i = 0; i < screen.length; i += 3) screen.set(place(surface.xyz[i], surface.xyz[i + 1], surface.xyz[i + 2]), i);
+    for (let i = 0; i < corners.length; i += 3) fillTriangle(target, screen, corners.subarray(i, i + 3), surface.colours);
+    return `${(corners.length / 3).toLocaleString("en")} triangles`;
+  }
 
   /** From the upright frame to a place on the canvas and the distance. */
   function projection(wide, high) {
@@ -127,15 +133,35 @@ function captureView() {
 
   const most = confirmed.reduce((high, value) => Math.max(high, value), 1);
   const levels = [1, 2, 3, 5, 8].filter((level) => level <= most).map((level) => [String(level), level === 1 ? "1 other photograph" : `${level} others`]);
+  const least = choice(levels, "1", "Photographs that confirm a point", (level) => { state.least = Number(level); draw(); });
+  const drawnAs = choice([["points", "Points"], ["surface", "Surface"]], "points", "Points or the surface", (name) => {
+    state.surface = least.disabled = name === "surface";
+    draw();
+  });
   new ResizeObserver(draw).observe(canvas);
   return make("div", { class: "cloud" },
     make("div", { class: "stage" }, canvas),
     make("div", { class: "row" },
-      make("label", { class: "wide" }, "Confirmed by at least", choice(levels, "1", "Photographs that confirm a point", (level) => { state.least = Number(level); draw(); })),
+      surface && make("label", { class: "wide" }, "Drawn as", drawnAs),
+      make("label", { class: "wide" }, "Confirmed by at least", least),
       make("button", { type: "button", onclick: () => act.zoom(1.25), "aria-label": "Zoom in" }, "+"),
       make("button", { type: "button", onclick: () => act.zoom(0.8), "aria-label": "Zoom out" }, "−"),
       make("button", { type: "button", onclick: act.reset }, "Reset")),
     shown);
+}
+
+/** Places in the upright frame, colours, and how many photographs confirm each. */
+function unpacked({ range, data }, frame) {
+  const bytes = bytesOf(data), count = bytes.length / POINT, values = new DataView(bytes.buffer);
+  const xyz = new Float32Array(3 * count), colours = new Uint32Array(count), confirmed = new Uint8Array(count);
+  for (let i = 0; i < count; i += 1) {
+    const at = POINT * i;
+    const world = range.map(([low, high], axis) => low + ((high - low) * values.getUint16(at + 2 * axis, true)) / 65535);
+    xyz.set(frame.map((axis) => dot(axis, world)), 3 * i);
+    colours[i] = 0xff000000 | (bytes[at + 8] << 16) | (bytes[at + 7] << 8) | bytes[at + 6];
+    confirmed[i] = bytes[at + 9];
+  }
+  return { xyz, colours, confirmed };
 }
 
 /** Axes to the right, down and ahead, in the world: level for the mean camera, along its view. */

@@ -108,36 +108,20 @@ function cloud({ layers, maps, photo }) {
     }
   }
 
-  /** Two triangles between four neighbours, each in the colour of its first corner. */
+  /** Two triangles between four neighbours. */
   function triangles(depths, wide, high) {
     const colour = colours[state.colour];
     const tear = TEAR * Math.max(1, report.full[0] / width);
     for (let row = 0; row + 1 < height; row += 1) {
       for (let place = row * width, end = place + width - 1; place < end; place += 1) {
-        fill(place, place + width, place + 1, colour[place]);
-        fill(place + 1, place + width, place + width + 1, colour[place + 1]);
+        fill(place, place + width, place + 1);
+        fill(place + 1, place + width, place + width + 1);
       }
     }
 
-    function fill(a, b, c, word) {
-      const [za, zb, zc] = [screen[3 * a + 2], screen[3 * b + 2], screen[3 * c + 2]];
-      if (za === 0 || zb === 0 || zc === 0) return;
+    function fill(a, b, c) {
       const near = Math.min(depths[a], depths[b], depths[c]), far = Math.max(depths[a], depths[b], depths[c]);
-      if (1 - near / far > tear) return;
-      const [xa, ya, xb, yb, xc, yc] = [screen[3 * a], screen[3 * a + 1], screen[3 * b], screen[3 * b + 1], screen[3 * c], screen[3 * c + 1]];
-      const twice = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya);
-      if (twice === 0) return;
-      const left = Math.max(0, Math.ceil(Math.min(xa, xb, xc) - 0.5)), right = Math.min(wide - 1, Math.floor(Math.max(xa, xb, xc) - 0.5));
-      const top = Math.max(0, Math.ceil(Math.min(ya, yb, yc) - 0.5)), bottom = Math.min(high - 1, Math.floor(Math.max(ya, yb, yc) - 0.5));
-      for (let y = top; y <= bottom; y += 1) {
-        for (let x = left; x <= right; x += 1) {
-          const [u, v] = [x + 0.5, y + 0.5];
-          const wb = ((u - xa) * (yc - ya) - (xc - xa) * (v - ya)) / twice, wc = ((xb - xa) * (v - ya) - (u - xa) * (yb - ya)) / twice;
-          if (wb < 0 || wc < 0 || wb + wc > 1) continue;
-          const z = za + wb * (zb - za) + wc * (zc - za), at = y * wide + x;
-          if (z < buffer[at]) { buffer[at] = z; words[at] = word; }
-        }
-      }
+      if (1 - near / far <= tear) fillTriangle({ words, buffer, wide, high }, screen, [a, b, c], colour);
     }
   }
 
