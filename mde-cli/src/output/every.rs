@@ -94,7 +94,7 @@ impl PhotographRow {
         let camera = &result.camera;
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
         self.fx = Some(camera.camera.fx);
-        let source = serde_json::json!(camera.source);
+        let source = serde_json::json!(camera.source); // A word, or a word with a value.
         let name = source.as_str().or_else(|| source.as_object()?.keys().next().map(String::as_str));
         self.camera = name.unwrap_or_default().to_owned();
         self.unit = result.unit.to_owned();

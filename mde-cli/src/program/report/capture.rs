@@ -11,9 +11,9 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 
-/// Points at most: the page stays below two megabytes.
+/// Points at most: two megabytes of the page.
 const POINTS: usize = 120_000;
-/// Steps of a grid across the surface, of whose cells each has one vertex: the surface adds about as much.
+/// Cells of a grid along each axis of the surface; each keeps one vertex, so that the page stays small.
 const CELLS: f32 = 128.0;
 /// Steps of a coordinate across the cloud.
 const STEPS: f32 = 65535.0;
@@ -91,11 +91,11 @@ fn packed(points: &[&[u8]]) -> Value {
     json!({ "range": range, "data": STANDARD.encode(data) })
 }
 
-/// The vertices of a surface, the first of each cell of a grid, and the triangles that are left.
+/// The first vertex of each cell, and the triangles that are left.
 fn surface(file: &[u8]) -> Option<Value> {
     let count = after(file, b"element vertex ").split(|byte| *byte == b'\n').next()?;
     let count: usize = std::str::from_utf8(count).ok()?.parse().ok()?;
-    let (vertices, triangles) = after(file, b"end_header\n").split_at_checked(VERTEX * count)?;
+    let (vertices, triangles) = after(file, b"end_header\n").split_at_checked(VERTEX.checked_mul(count)?)?;
     let vertices: Vec<&[u8]> = vertices.chunks_exact(VERTEX).collect();
     let (range, mut kept, mut cells) = (range(&vertices), Vec::new(), HashMap::new());
     let merged = vertices.iter().map(|vertex| {
@@ -115,6 +115,6 @@ fn surface(file: &[u8]) -> Option<Value> {
     });
     let corners: Vec<u8> = corners.flatten().flat_map(u32::to_le_bytes).collect();
     let mut packed = packed(&kept);
-    packed["triangles"] = json!(STANDARD.encode(corners));
-    Some(packed)
+    packed["triangles"] = json!(STANDARD.encode(&corners));
+    (!corners.is_empty()).then_some(packed)
 }
