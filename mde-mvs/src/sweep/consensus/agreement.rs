@@ -2,12 +2,12 @@
 
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use std::borrow::Borrow;
 
 use crate::{Error, Result, check_map};
-use mde_warp::transfer::PlaneTransfer;
+use mde_warp::transfer::{PlaneTransfer, Seen};
 
 /// Distance in pixels, there and back, within which two photographs agree.
 const PIXELS: f64 = 1.0;
@@ -46,13 +46,11 @@ pub fn agreement<V: Borrow<PosedView>>(
         let (to, there) = of(other)?;
         check_map("depth", there.dim(), &to.camera)?;
         let (forth, back) = (PlaneTransfer::new(from, to), PlaneTransfer::new(to, from));
+        let maps = [depth.mean(), there.mean()];
         let mut rows: Vec<_> = agree.outer_iter_mut().zip(visible.outer_iter_mut()).enumerate().collect();
         rows.par_iter_mut().for_each(|(y, (agree, visible))| {
             for x in 0..agree.len() {
-                let Some((z, _)) = depth.get(*y, x).filter(|(z, _)| *z > 0.0) else { continue };
-                let Some(seen) = forth.at(x as f64, *y as f64, 1.0 / f64::from(z)) else { continue };
-                let Some((v, u)) = forth.nearest(&seen) else { continue };
-                let Some((z_there, _)) = there.get(v, u).filter(|(z, _)| *z > 0.0) else { continue };
+                let Some((z, seen, z_there)) = landed(&forth, maps, [x, *y]) else { continue };
                 visible[x] = visible[x].saturating_add(1);
                 let ratio = f64::from(z_there) / (f64::from(z) * seen.ratio);
                 if !(LOG_DEPTH.recip()..=LOG_DEPTH).contains(&ratio) {
@@ -67,6 +65,27 @@ pub fn agreement<V: Borrow<PosedView>>(
         });
     }
     Ok(Agreement { agree, visible })
+}
+
+/// The depth of a pixel, where it lands in another view, and the depth there.
+fn landed(
+    forth: &PlaneTransfer,
+    [depth, there]: [ArrayView2<'_, f32>; 2],
+    [x, y]: [usize; 2],
+) -> Option<(f32, Seen, f32)> {
+    let z = Some(depth[(y, x)]).filter(|z| *z > 0.0)?;
+    let seen = forth.at(x as f64, y as f64, 1.0 / f64::from(z))?;
+    let z_there = Some(there[forth.nearest(&seen)?]).filter(|z| *z > 0.0)?;
+    Some((z, seen, z_there))
+}
+
+/// Whether any of the others has the depth of a pixel of the first view; the maps, 0 where unknown, have the size of their views.
+pub(super) fn shown(views: &[&PosedView], depths: &[ArrayView2<'_, f32>]) -> Array2<bool> {
+    let others = views.iter().zip(depths).skip(1);
+    let others: Vec<_> = others.map(|(to, there)| (PlaneTransfer::new(views[0], to), *there)).collect();
+    let by =
+        |(y, x)| others.iter().any(|(forth, there)| landed(forth, [depths[0], *there], [x, y]).is_some());
+    Array2::from_shape_fn(depths[0].dim(), by)
 }
 
 #[cfg(test)]

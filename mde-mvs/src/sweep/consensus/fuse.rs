@@ -7,8 +7,8 @@ use mde_warp::transfer::PlaneTransfer;
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 
-use super::Agreement;
 use super::chance::TRUSTED;
+use super::sweeps::Map;
 use crate::Result;
 use crate::raster::luma;
 use crate::statistics::robust_deviation;
@@ -115,14 +115,14 @@ pub(super) fn fuse(
 ///
 /// Matches of neighbours share their errors, so that variances which take them as independent are too small. Where two
 /// verified maps meet, 90 % of the differences should lie within 1.645 standard deviations.
-pub(super) fn inflation(views: &[&PosedView], maps: &[(Fused, Agreement, f32)]) -> f32 {
+pub(super) fn inflation(views: &[&PosedView], maps: &[&Map]) -> f32 {
     let pairs = (0..views.len()).flat_map(|i| (0..views.len()).map(move |j| (i, j)));
     let pairs: Vec<(usize, usize)> = pairs.filter(|(i, j)| i != j).collect();
     let mut scores: Vec<f64> = pairs
         .par_iter()
         .flat_map_iter(|&(i, j)| {
-            let carried = splat(views[j], &maps[j].0, &maps[j].1, views[i]);
-            let (own, agreement) = (&maps[i].0.depth, &maps[i].1.agree);
+            let carried = splat(views[j], maps[j], views[i]);
+            let (own, agreement) = (&maps[i].depth, &maps[i].agreement.agree);
             let score = |((y, x), &(log, v)): ((usize, usize), &(f32, f32))| {
                 let (z, variance) = own.get(y, x).filter(|(z, _)| *z > 0.0)?;
                 let seen = v.is_finite() && agreement[(y, x)] > 0;
@@ -137,13 +137,12 @@ pub(super) fn inflation(views: &[&PosedView], maps: &[(Fused, Agreement, f32)]) 
 }
 
 /// Log depth and its variance of one view's verified pixels seen from another, the nearest where several land.
-fn splat(from: &PosedView, map: &Fused, agreement: &Agreement, to: &PosedView) -> Array2<(f32, f32)> {
+fn splat(from: &PosedView, map: &Map, to: &PosedView) -> Array2<(f32, f32)> {
     let transfer = PlaneTransfer::new(from, to);
     let mut out = Array2::from_elem(to.camera.dim(), (f32::INFINITY, f32::INFINITY));
     for ((y, x), &z) in map.depth.mean().indexed_iter() {
         let v = map.depth.variance()[(y, x)];
-        let verified = agreement.agree[(y, x)] > 0 && map.inlier[(y, x)] > TRUSTED;
-        if !(verified && z > 0.0 && v.is_finite()) {
+        if !(map.sure[(y, x)] && z > 0.0 && v.is_finite()) {
             continue;
         }
         let Some(seen) = transfer.at(x as f64, y as f64, 1.0 / f64::from(z)) else { continue };

@@ -7,9 +7,10 @@ use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::agreement::shown;
 use super::chance::{TRUSTED, better, chances};
-use super::fuse::{fuse, inflation};
-use super::{Reconstruction, ViewDepth, agreement, matches_of};
+use super::fuse::{Fused, fuse, inflation};
+use super::{Agreement, Reconstruction, ViewDepth, agreement, matches_of};
 use crate::raster::{enlarge, small_map, small_view};
 use crate::statistics::is_flat;
 use crate::sweep::scale::{Gauge, Scale};
@@ -46,8 +47,11 @@ pub struct Sweeps {
     pub scale: Option<Scale>,
     coarse: BTreeMap<usize, Coarse>,
     fine: BTreeMap<usize, Fine>,
+    maps: BTreeMap<usize, Map>,
     /// Those with a last sweep, the latest used at the end.
     used: Vec<usize>,
+    /// Those of which there was a result.
+    done: BTreeSet<usize>,
 }
 
 /// Sweeps of the small photograph: about the scaled prior, and over the whole range, where the prior is wrong by more.
@@ -63,17 +67,29 @@ struct Coarse {
 /// The sweep about the corrected prior.
 #[derive(Debug)]
 struct Fine {
-    /// The gauged prior.
-    prior: GaussianDepth,
-    corrected: GaussianDepth,
+    gauge: Gauge,
+    /// The gauged and corrected prior.
+    centre: Array2<f32>,
     sweep: Sweep,
+}
+
+/// The consensus of a photograph with its sources.
+#[derive(Debug)]
+pub(super) struct Map {
+    pub(super) depth: GaussianDepth,
+    /// Where the sweep is probably right and a source agrees.
+    pub(super) sure: Array2<bool>,
+    ambiguity: Array2<f32>,
+    pub(super) agreement: Agreement,
+    /// Share of the pixels on which at least one source agrees.
+    verified: f32,
 }
 
 /// Bytes that [`Sweeps`] of that many views, of which a result has `members`, takes beside its inputs, one result included: the working
 /// memory of one sweep, the maps that are kept, and those of a result.
 pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
-    // Of each photograph that is kept three means with variances, two maps of numbers; in the result three more, two maps and four of counts.
-    let kept = views.min((KEPT as u64).max(members)).saturating_mul(3 * 8 + 2 * 4);
+    // Of each photograph that is kept two means with variances, four maps of numbers and three of bytes; in the result three more, three and four.
+    let kept = views.min((KEPT as u64).max(2 * members)).saturating_mul(2 * 8 + 4 * 4 + 3);
     let of_result = members.saturating_mul(3 * 8 + 3 * 4 + 4);
     let working = working_bytes(pixels, members.saturating_sub(1));
     // All small photographs with their priors; three sweeps of those that are kept and of their sources.
@@ -108,8 +124,9 @@ impl Sweeps {
             Ok(small)
         });
         let small = small.collect::<Result<Vec<_>>>()?;
-        let (coarse, fine) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { sources, small, priors, scale: None, coarse, fine, used: Vec::new() })
+        let (coarse, fine, maps) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
+        let (used, done) = (Vec::new(), BTreeSet::new());
+        Ok(Self { sources, small, priors, scale: None, coarse, fine, maps, used, done })
     }
 
     /// Finds the common factor of the priors by these photographs, which see the same, from sweeps over every scale.
@@ -149,50 +166,97 @@ impl Sweeps {
         {
             return Err(Error::Reference { reference, views: views.len() });
         }
-        self.sweep_coarsely(members)?;
-        let missing: Vec<usize> = members.iter().copied().filter(|i| !self.fine.contains_key(i)).collect();
-        for (done, &i) in missing.iter().enumerate() {
-            self.fine.insert(i, self.swept(views, i, prior(i))?);
-            notify(callback, done + 1, missing.len())?;
+        self.done.extend(members.first());
+        let mut unknown: Vec<usize> =
+            members.iter().copied().filter(|i| !self.maps.contains_key(i)).collect();
+        loop {
+            // As many at once as the sweeps that are kept suffice for.
+            let needed = |count: usize| -> BTreeSet<usize> {
+                let sources = unknown[..count].iter().flat_map(|&i| &self.sources[i]);
+                members.iter().chain(sources).copied().collect()
+            };
+            let count = (1..=unknown.len()).rev().find(|&count| needed(count).len() <= KEPT);
+            let count = count.unwrap_or(unknown.len().min(1));
+            let missing = self.keep(needed(count));
+            self.sweep_coarsely(&missing)?;
+            for (done, &i) in missing.iter().enumerate() {
+                self.fine.insert(i, self.swept(views, i, prior(i))?);
+                notify(callback, done + 1, missing.len())?;
+            }
+            let batch: Vec<_> = unknown.drain(..count).map(|i| (i, prior(i))).collect();
+            let found = batch.into_par_iter().map(|(i, prior)| Ok((i, self.map(views, i, prior)?)));
+            self.maps.extend(found.collect::<Result<Vec<_>>>()?);
+            if unknown.is_empty() {
+                break;
+            }
         }
-        self.used.retain(|view| !members.contains(view));
-        self.used.extend(members);
-        let fine: Vec<&Fine> = members.iter().map(|i| &self.fine[i]).collect();
-        let depths: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.sweep.depth).collect();
-        let corrected: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.corrected).collect();
-        let views: Vec<&PosedView> = members.iter().map(|&i| &views[i]).collect();
-        let everyone: Vec<usize> = (0..members.len()).collect();
-        let fused = |&i: &usize| -> Result<_> {
-            let agreement = agreement(&views, &depths, i, &everyone)?;
-            let Fine { corrected: prior, sweep, .. } = fine[i];
-            let chance = chances(sweep, &agreement);
-            let visible = self::agreement(&views, &corrected, i, &everyone)?.visible;
-            let seen = Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&n, &z| n > 0 && z > 0.0);
-            let map = fuse(views[i], prior, sweep, &chance, NARROW)?;
-            let map = map.without_unseen(&seen, prior)?;
-            let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
-            let verified = confirmed as f32 / agreement.agree.len() as f32;
-            Ok((map, agreement, verified))
+        let maps: Vec<&Map> = members.iter().map(|i| &self.maps[i]).collect();
+        let inflation = inflation(&members.iter().map(|&i| &views[i]).collect::<Vec<_>>(), &maps);
+        let of = |(map, &i): (&Map, &usize)| -> Result<ViewDepth> {
+            let Fine { gauge, sweep, .. } = &self.fine[&i];
+            Ok(ViewDepth {
+                prior: gauge.apply(prior(i).view())?,
+                sweep: sweep.clone(),
+                fused: map.depth.clone().map(|m, v| (m, inflation * v)),
+                agreement: map.agreement.clone(),
+                verified: map.verified,
+                ambiguity: map.ambiguity.clone(),
+            })
         };
-        let fused = everyone.par_iter().map(fused).collect::<Result<Vec<_>>>()?;
-        let inflation = inflation(&views, &fused);
-        let views = fused.into_iter().zip(&fine).map(|((map, agreement, verified), fine)| ViewDepth {
-            prior: fine.prior.clone(),
-            sweep: fine.sweep.clone(),
-            fused: map.depth.map(|m, v| (m, inflation * v)),
-            agreement,
-            verified,
-            ambiguity: map.ambiguity,
-        });
-        let views = views.collect();
-        let surplus = self.used.len().saturating_sub(KEPT.max(members.len()));
+        let views = maps.into_iter().zip(members).map(of).collect::<Result<_>>()?;
+        Ok(Reconstruction { scale: self.scale, views, inflation })
+    }
+
+    /// Makes room for the last sweeps of those photographs; those that there are not yet come back.
+    fn keep(&mut self, needed: BTreeSet<usize>) -> Vec<usize> {
+        let left = (0..self.sources.len()).filter(|view| !self.done.contains(view));
+        let later: BTreeSet<usize> = left.flat_map(|view| &self.sources[view]).copied().collect();
+        self.used.retain(|view| !needed.contains(view));
+        self.used.sort_by_key(|view| later.contains(view));
+        let surplus = (self.used.len() + needed.len()).saturating_sub(KEPT).min(self.used.len());
         for view in self.used.drain(..surplus) {
             self.fine.remove(&view);
+            self.maps.remove(&view);
         }
+        let missing = needed.iter().copied().filter(|i| !self.fine.contains_key(i)).collect();
+        self.used.extend(needed);
         let sources = self.used.iter().flat_map(|&view| &self.sources[view]);
         let near: BTreeSet<usize> = self.used.iter().chain(sources).copied().collect();
         self.coarse.retain(|view, _| near.contains(view));
-        Ok(Reconstruction { scale: self.scale, views, inflation })
+        missing
+    }
+
+    /// The photograph, then its sources.
+    fn group(&self, view: usize) -> Vec<usize> {
+        let others = self.sources[view].iter().copied().filter(|&source| source != view);
+        std::iter::once(view).chain(others).collect()
+    }
+
+    /// The consensus of a photograph with its sources, all of which are swept.
+    fn map(&self, views: &[PosedView], view: usize, prior: Array2<f32>) -> Result<Map> {
+        let group = self.group(view);
+        let views: Vec<&PosedView> = group.iter().map(|&i| &views[i]).collect();
+        let fine: Vec<&Fine> = group.iter().map(|i| &self.fine[i]).collect();
+        let depths: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.sweep.depth).collect();
+        let agreement = agreement(&views, &depths, 0, &(1..group.len()).collect::<Vec<_>>())?;
+        let Fine { gauge, centre, sweep } = fine[0];
+        let chance = chances(sweep, &agreement);
+        let centres: Vec<_> = fine.iter().map(|fine| fine.centre.view()).collect();
+        let seen = shown(&views, &centres);
+        let seen = Zip::from(&seen).and(sweep.depth.mean()).map_collect(|&seen, &z| seen && z > 0.0);
+        let prior = gauge.apply(prior.view())?;
+        let variance = Zip::from(centre)
+            .and(prior.mean())
+            .and(prior.variance())
+            .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
+        let prior = GaussianDepth::new(centre.clone(), variance)?;
+        let Fused { depth, inlier, ambiguity, .. } =
+            fuse(views[0], &prior, sweep, &chance, NARROW)?.without_unseen(&seen, &prior)?;
+        let sure =
+            Zip::from(&inlier).and(&agreement.agree).map_collect(|&p, &agree| p > TRUSTED && agree > 0);
+        let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
+        let verified = confirmed as f32 / agreement.agree.len() as f32;
+        Ok(Map { depth, sure, ambiguity, agreement, verified })
     }
 
     /// Sweeps of small photographs: of those and of their sources, whose depths confirm theirs.
@@ -223,8 +287,7 @@ impl Sweeps {
     /// Gauge and smooth correction of a prior by the small photographs, and the sweep about it.
     fn swept(&self, views: &[PosedView], view: usize, prior: Array2<f32>) -> Result<Fine> {
         check_map("prior", prior.dim(), &views[view].camera)?;
-        let others = self.sources[view].iter().copied().filter(|&source| source != view);
-        let group: Vec<usize> = std::iter::once(view).chain(others).collect();
+        let group = self.group(view);
         let coarse: Vec<&Coarse> = group.iter().map(|i| &self.coarse[i]).collect();
         let small: Vec<&PosedView> = group.iter().map(|&i| &self.small[i]).collect();
         let everyone: Vec<usize> = (0..group.len()).collect();
@@ -261,10 +324,6 @@ impl Sweeps {
         let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
         let around = Surfaces::Around { depth: centre.view(), factor: NARROW };
         let sweep = sweep(views, view, &self.sources[view], around)?;
-        let variance = Zip::from(&centre)
-            .and(prior.mean())
-            .and(prior.variance())
-            .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
-        Ok(Fine { prior, corrected: GaussianDepth::new(centre, variance)?, sweep })
+        Ok(Fine { gauge, centre, sweep })
     }
 }
