@@ -40,7 +40,7 @@ impl SharedField {
 }
 
 impl RadianceField for SharedField {
-    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut FieldCallback<'_>) -> Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
         let known = lock(&self.memory.0).get(&key).cloned();
         let fitted = match known {
@@ -60,7 +60,7 @@ impl RadianceField for SharedField {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        callback: &mut dyn FieldCallback,
+        callback: &mut FieldCallback<'_>,
     ) -> Result<RenderedView> {
         let Some(fitted) = &self.fitted else { return Err(Error::NotFitted) };
         // `Debug` shows every number.
@@ -119,7 +119,7 @@ fn fault(error: &dyn std::fmt::Display) -> Error {
 }
 
 impl RadianceField for FilteredField {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], _: &mut FieldCallback<'_>) -> Result<FitReport> {
         let view = views.first().ok_or(Error::NoPixels)?;
         let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
         let rule = DisparityRule::default();
@@ -133,7 +133,7 @@ impl RadianceField for FilteredField {
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut FieldCallback<'_>) -> Result<RenderedView> {
         let (view, depth) = self.view.as_ref().ok_or(Error::NotFitted)?;
         let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
             .map_err(|e| fault(&e))?;

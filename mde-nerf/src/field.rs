@@ -20,7 +20,7 @@ pub trait RadianceField: Send {
     /// Views without a valid pixel or range, a fit that diverges, [`Error::Interrupted`](crate::Error::Interrupted) where the
     /// callback returns [`ControlFlow::Break`], and the implementation's own as
     /// [`Error::External`](crate::Error::External).
-    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport>;
+    fn fit(&mut self, views: &[PosedView], callback: &mut FieldCallback<'_>) -> Result<FitReport>;
 
     /// Renders the fitted field from `pose` (world to camera).
     ///
@@ -32,7 +32,7 @@ pub trait RadianceField: Send {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        callback: &mut dyn FieldCallback,
+        callback: &mut FieldCallback<'_>,
     ) -> Result<RenderedView>;
 
     /// The content of a file of the fitted field, where the implementation has files.
@@ -91,24 +91,10 @@ pub enum FieldEvent {
     },
 }
 
-/// Progress callback; closures from [`FieldEvent`] to [`ControlFlow`] implement it.
-pub trait FieldCallback {
-    /// Receives an event; [`ControlFlow::Break`] cancels the call with [`Error::Interrupted`](crate::Error::Interrupted).
-    fn on_event(&mut self, event: &FieldEvent) -> ControlFlow<()>;
-}
-
-impl<F: FnMut(&FieldEvent) -> ControlFlow<()>> FieldCallback for F {
-    fn on_event(&mut self, event: &FieldEvent) -> ControlFlow<()> {
-        self(event)
-    }
-}
+/// Progress callback; `Break` cancels the call with [`Error::Interrupted`](crate::Error::Interrupted).
+pub type FieldCallback<'c> = dyn FnMut(&FieldEvent) -> ControlFlow<()> + 'c;
 
 /// A callback that ignores all events.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Silent;
-
-impl FieldCallback for Silent {
-    fn on_event(&mut self, _: &FieldEvent) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
+pub fn silent(_: &FieldEvent) -> ControlFlow<()> {
+    ControlFlow::Continue(())
 }

@@ -45,6 +45,6 @@ pub use config::{
     TrainConfig, VolumeConfig,
 };
 pub use error::{Error, Result};
-pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, Silent};
+pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, silent};
 pub use nerf::Nerf;
 pub use {mde_uncertainty, mde_warp, nalgebra, ndarray};

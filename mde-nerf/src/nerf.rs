@@ -57,7 +57,7 @@ impl Nerf {
 }
 
 impl RadianceField for Nerf {
-    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut FieldCallback<'_>) -> Result<FitReport> {
         for (index, view) in views.iter().enumerate() {
             view.validate().map_err(|error| Error::View { index, reason: error.to_string() })?;
         }
@@ -78,7 +78,7 @@ impl RadianceField for Nerf {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        callback: &mut dyn FieldCallback,
+        callback: &mut FieldCallback<'_>,
     ) -> Result<RenderedView> {
         let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
         let refused = |reason: String| Error::View { index: 0, reason };

@@ -29,7 +29,7 @@ pub(crate) fn render(
     config: &NerfConfig,
     camera: &PinholeCamera,
     pose: &Pose,
-    callback: &mut dyn FieldCallback,
+    callback: &mut FieldCallback<'_>,
 ) -> Result<RenderedView> {
     let (height, width) = (camera.height, camera.width);
     let budget = config.render_budget();
@@ -67,7 +67,7 @@ pub(crate) fn render(
                 in_bin[at] = depth.in_bin;
             }
         }
-        if callback.on_event(&FieldEvent::Render { row: first + rows, rows: height }).is_break() {
+        if callback(&FieldEvent::Render { row: first + rows, rows: height }).is_break() {
             return Err(Error::Interrupted);
         }
     }

@@ -3,7 +3,7 @@
 use crate::batch::Pixels;
 use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
 use crate::encoding::HashGrid;
-use crate::field::Silent;
+use crate::field::silent;
 use crate::frustum::Frustum;
 use crate::loss::LossTerms;
 use crate::march::Marcher;
@@ -139,7 +139,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
     let rows = stage("render", every, forward * every, gathered * every);
     visit(Stage { parallel: true, ..rows }, &mut || {
         // The callback never breaks, and the camera is valid.
-        let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut Silent);
+        let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut silent);
     });
     Ok(())
 }

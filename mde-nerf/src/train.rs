@@ -179,7 +179,7 @@ pub(crate) fn train(
     pixels: &Pixels<'_>,
     config: &NerfConfig,
     seed: u64,
-    callback: &mut dyn FieldCallback,
+    callback: &mut FieldCallback<'_>,
 ) -> Result<FitReport> {
     let train = &config.train;
     let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
@@ -206,7 +206,7 @@ pub(crate) fn train(
             let psnr = decibels(since_report.squared_error / count);
             since_report = RayLoss::default();
             let event = FieldEvent::Fit { step: done, steps: train.steps, loss: report.loss, psnr };
-            if callback.on_event(&event).is_break() {
+            if callback(&event).is_break() {
                 return Err(Error::Interrupted);
             }
         }

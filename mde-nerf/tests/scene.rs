@@ -4,7 +4,7 @@
 
 use mde_nerf::{
     Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField,
-    RenderedView, Silent,
+    RenderedView, silent,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::CounterRng;
@@ -83,8 +83,8 @@ fn mlp() -> NerfConfig {
 /// A fitted field, and the original pose as it renders it.
 fn fitted(config: NerfConfig, views: &[PosedView]) -> (Nerf, RenderedView) {
     let mut field = Nerf::new(config, 1).unwrap();
-    assert_eq!(field.fit(views, &mut Silent).unwrap().psnr.len(), views.len());
-    let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+    assert_eq!(field.fit(views, &mut silent).unwrap().psnr.len(), views.len());
+    let seen = field.render(&views[0].camera, &views[0].pose, &mut silent).unwrap();
     (field, seen)
 }
 
@@ -139,7 +139,7 @@ fn photographs_from_far_apart_refine_noisy_hypotheses() {
     assert!(after < 0.5 * before, "mean relative error {before:.4} before, {after:.4} after");
     // Away from the volume there is nothing.
     let turned = Pose::rotation(nalgebra::Vector3::new(0.0, std::f64::consts::PI, 0.0));
-    let away = field.render(&views[0].camera, &turned, &mut Silent).unwrap();
+    let away = field.render(&views[0].camera, &turned, &mut silent).unwrap();
     assert!(away.opacity.iter().all(|&a| a == 0.0) && away.depth.support().iter().all(|known| !known));
 }
 
@@ -169,8 +169,8 @@ fn the_same_seed_gives_the_same_bits_with_any_number_of_threads() {
     let run = |threads: usize, config: &NerfConfig| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
             let mut field = Nerf::new(config.clone(), 7).unwrap();
-            let report = field.fit(&views, &mut Silent).unwrap();
-            (report, field.render(&views[1].camera, &views[1].pose, &mut Silent).unwrap())
+            let report = field.fit(&views, &mut silent).unwrap();
+            (report, field.render(&views[1].camera, &views[1].pose, &mut silent).unwrap())
         })
     };
     for field in
@@ -196,13 +196,13 @@ fn a_saved_field_is_the_same() {
         config.train.steps = 10;
         let mut field = Nerf::new(config, 3).unwrap();
         assert_eq!(field.to_file(), None);
-        field.fit(&views, &mut Silent).unwrap();
+        field.fit(&views, &mut silent).unwrap();
         std::fs::write(&path, field.to_file().unwrap()).unwrap();
         let mut again = Nerf::load(&path).unwrap();
         assert_eq!(again.to_file(), field.to_file());
-        let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
+        let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut silent).unwrap();
         assert_eq!(render(&again), render(&field));
-        again.fit(&views, &mut Silent).unwrap();
+        again.fit(&views, &mut silent).unwrap();
         assert_eq!(render(&again), render(&field));
     }
 }
@@ -214,7 +214,7 @@ fn a_larger_view_gets_more_steps_with_steps_for() {
     let steps = |steps_for: usize| {
         let mut config = hash();
         (config.train.steps, config.train.rays, config.train.steps_for) = (10, 16, steps_for);
-        Nerf::new(config, 0).unwrap().fit(&views, &mut Silent).unwrap().steps
+        Nerf::new(config, 0).unwrap().fit(&views, &mut silent).unwrap().steps
     };
     assert_eq!([0, 2 * pixels, pixels, pixels / 3].map(steps), [10, 10, 10, 30]);
 }
@@ -232,29 +232,29 @@ fn the_callback_receives_progress_and_cancels_both_calls() {
         ControlFlow::Break(())
     });
     assert!(matches!(stopped, Err(Error::Interrupted)) && events == 1);
-    assert!(matches!(field.render(&camera(), &Pose::identity(), &mut Silent), Err(Error::NotFitted)));
-    field.fit(&views, &mut Silent).unwrap();
+    assert!(matches!(field.render(&camera(), &Pose::identity(), &mut silent), Err(Error::NotFitted)));
+    field.fit(&views, &mut silent).unwrap();
     let stopped = field.render(&camera(), &Pose::identity(), &mut |_: &FieldEvent| ControlFlow::Break(()));
     assert!(matches!(stopped, Err(Error::Interrupted)));
     let mut wild = mlp();
     (wild.train.steps, wild.train.learning_rate) = (1, 1e20);
-    let diverged = Nerf::new(wild, 0).unwrap().fit(&views, &mut Silent);
+    let diverged = Nerf::new(wild, 0).unwrap().fit(&views, &mut silent);
     assert!(matches!(diverged, Err(Error::Diverged { step: 0 })), "{diverged:?}");
     let wide = PinholeCamera { width: usize::MAX, ..camera() };
-    assert!(matches!(field.render(&wide, &Pose::identity(), &mut Silent), Err(Error::View { .. })));
+    assert!(matches!(field.render(&wide, &Pose::identity(), &mut silent), Err(Error::View { .. })));
     let nowhere = Pose::translation(f64::NAN, 0.0, 0.0);
-    assert!(matches!(field.render(&camera(), &nowhere, &mut Silent), Err(Error::View { .. })));
+    assert!(matches!(field.render(&camera(), &nowhere, &mut silent), Err(Error::View { .. })));
 }
 
 #[test]
 fn bad_views_are_named() {
     let mut field = Nerf::new(hash(), 0).unwrap();
-    assert!(matches!(field.fit(&[], &mut Silent), Err(Error::NoPixels)));
+    assert!(matches!(field.fit(&[], &mut silent), Err(Error::NoPixels)));
     let mut dark = view(Pose::identity(), true);
     dark.mask.fill(false);
-    assert!(matches!(field.fit(&[dark], &mut Silent), Err(Error::NoPixels)));
-    assert!(matches!(field.fit(&[view(Pose::identity(), false)], &mut Silent), Err(Error::NoRange)));
+    assert!(matches!(field.fit(&[dark], &mut silent), Err(Error::NoPixels)));
+    assert!(matches!(field.fit(&[view(Pose::identity(), false)], &mut silent), Err(Error::NoRange)));
     let mut torn = view(Pose::identity(), true);
     torn.image = Array3::zeros((2, 2, 3)).into_shared();
-    assert!(matches!(field.fit(&[torn], &mut Silent), Err(Error::View { index: 0, .. })));
+    assert!(matches!(field.fit(&[torn], &mut silent), Err(Error::View { index: 0, .. })));
 }

@@ -32,7 +32,7 @@ pub(super) fn compare(
     reference: &PosedView,
     known: &ViewDepth,
     field: &dyn RadianceField,
-    callback: &mut dyn FieldCallback,
+    callback: &mut FieldCallback<'_>,
 ) -> Result<NovelView> {
     let view = &candidate.view;
     let image = match candidate.withheld {

@@ -29,12 +29,12 @@ fn map(depth: &Array2<f32>) -> FilePrior {
 struct Wall(Arc<Mutex<Vec<String>>>);
 
 impl RadianceField for Wall {
-    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut FieldCallback<'_>) -> mde_nerf::Result<FitReport> {
         let original = views[0].pose == Pose::identity() && views[0].mask.iter().all(|real| *real);
         let moved = views[1..].iter().all(|view| view.pose != Pose::identity());
         self.0.lock().unwrap().push(format!("fit {} {original} {moved}", views.len()));
         let event = mde_nerf::FieldEvent::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
-        if callback.on_event(&event).is_break() {
+        if callback(&event).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
@@ -44,10 +44,10 @@ impl RadianceField for Wall {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        callback: &mut dyn FieldCallback,
+        callback: &mut FieldCallback<'_>,
     ) -> mde_nerf::Result<RenderedView> {
         self.0.lock().unwrap().push(format!("render {}", *pose == Pose::identity()));
-        if callback.on_event(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
+        if callback(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         let size = (camera.height, camera.width);
