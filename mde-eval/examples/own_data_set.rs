@@ -42,6 +42,6 @@ impl DataSet for Flat {
 
 fn main() -> Result<()> {
     let data = Flat::open(std::env::args().nth(1).unwrap_or_else(|| ".".to_owned()).into())?;
-    println!("{} scenes: {:?}", data.len(), data.ids());
+    println!("{} scenes: {:?}", data.ids().len(), data.ids());
     Ok(())
 }

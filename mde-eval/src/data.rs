@@ -48,16 +48,6 @@ pub trait DataSet: Send + Sync {
     /// [`Error::Scene`] beyond the last one; [`Error::Layout`], [`Error::Prior`] or [`Error::Io`] for files that are missing or
     /// broken, and where the camera is unknown.
     fn load(&self, index: usize) -> Result<Sample>;
-
-    /// Number of scenes.
-    fn len(&self) -> usize {
-        self.ids().len()
-    }
-
-    /// Whether there is no scene.
-    fn is_empty(&self) -> bool {
-        self.ids().is_empty()
-    }
 }
 
 /// One scene of a data set.

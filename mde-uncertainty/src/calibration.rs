@@ -23,13 +23,18 @@ pub struct Calibration {
     settings: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     model: Option<String>,
-    scenes: Vec<String>,
+    /// Names of the scenes that it was estimated from.
+    pub scenes: Vec<String>,
     half_widths: Vec<f64>,
+    /// Standard deviation of the maps' scale as a fraction of the depth, where maps had a scale and were aligned by a factor. Neither
+    /// sigma nor the intervals contain it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    scale_error: Option<f64>,
-    source: CalibrationSource,
+    pub scale_error: Option<f64>,
+    /// Where it is from.
+    pub source: CalibrationSource,
+    /// Coverage of each scene by the others' intervals; empty for a single scene.
     #[serde(default)]
-    held_out: Vec<HeldOut>,
+    pub held_out: Vec<HeldOut>,
 }
 
 /// Where a calibration is from, in words.
@@ -178,27 +183,6 @@ impl Calibration {
         PooledIntervals::from_half_widths(self.half_widths.clone())
     }
 
-    /// Standard deviation of the maps' scale as a fraction of the depth, where maps had a scale and were aligned by a factor. Neither
-    /// sigma nor the intervals contain it.
-    pub fn scale_error(&self) -> Option<f64> {
-        self.scale_error
-    }
-
-    /// Where it is from.
-    pub fn source(&self) -> &CalibrationSource {
-        &self.source
-    }
-
-    /// Names of the scenes that it was estimated from.
-    pub fn scenes(&self) -> &[String] {
-        &self.scenes
-    }
-
-    /// Coverage of each scene by the others' intervals; empty for a single scene.
-    pub fn held_out(&self) -> &[HeldOut] {
-        &self.held_out
-    }
-
     /// How a run differs from those that this was estimated from, or `None` where it does not.
     pub fn mismatch(&self, run: &Fingerprint) -> Option<Mismatch> {
         if self.settings != run.settings {
@@ -242,20 +226,20 @@ mod tests {
         let calibration = fitted();
         let read = Calibration::parse(&calibration.to_toml().unwrap(), "f.toml").unwrap();
         assert_eq!(read, calibration);
-        assert_eq!(read.scenes(), ["one", "two"]);
+        assert_eq!(read.scenes, ["one", "two"]);
         // |z| is uniform on [0, 2] in one scene and on [0, 4] in the other: half of all is below 4/3.
         assert!((read.intervals().unwrap().half_width(0.5).unwrap() - 4.0 / 3.0).abs() < 1e-5);
         // 90 % of the second scene lie below 3.6, as does all of the first; 90 % of the first below 1.8, as does 45 % of the second.
-        let nine = read.held_out().iter().find(|h| h.probability == 0.9).unwrap();
+        let nine = read.held_out.iter().find(|h| h.probability == 0.9).unwrap();
         assert!((nine.highest - 1.0).abs() < 1e-6 && (nine.lowest - 0.45).abs() < 1e-6, "{nine:?}");
     }
 
     #[test]
     fn the_scale_s_error_is_the_root_mean_square_of_its_logarithm() {
-        assert_eq!(fitted().scale_error(), None);
-        let by = |factor: f64| fitted().with_scales(&[factor, 1.0 / factor]).scale_error();
+        assert_eq!(fitted().scale_error, None);
+        let by = |factor: f64| fitted().with_scales(&[factor, 1.0 / factor]).scale_error;
         assert!((by(1.2).unwrap() - 1.2_f64.ln()).abs() < 1e-6 && by(1.0) == Some(0.0));
-        assert_eq!([by(0.0), by(-1.0), by(f64::NAN), fitted().with_scales(&[]).scale_error()], [None; 4]);
+        assert_eq!([by(0.0), by(-1.0), by(f64::NAN), fitted().with_scales(&[]).scale_error], [None; 4]);
         let kept = fitted().with_scales(&[1.5]);
         assert_eq!(Calibration::parse(&kept.to_toml().unwrap(), "f.toml").unwrap(), kept);
         let wrong = kept.to_toml().unwrap().replace("scale-error = 0", "scale-error = -0");

@@ -193,12 +193,13 @@ impl JointBilateral {
         let rows = self.rows(map, support, guide)?;
         let mut out = Array2::zeros(map.dim());
         if let Some(values) = out.as_slice_mut() {
-            values.chunks_mut(map.ncols().max(1)).enumerate().for_each(|(y, row)| rows.filter(y, row));
+            values.chunks_mut(map.ncols().max(1)).enumerate().for_each(|(y, row)| rows(y, row));
         }
         Ok(out)
     }
 
-    /// The same row by row, for a caller that filters rows in parallel.
+    /// The same row by row, for a caller that filters rows in parallel: the function writes a row of the filtered map, nothing where there is
+    /// no such row.
     ///
     /// # Errors
     /// As [`filter`](Self::filter).
@@ -207,29 +208,25 @@ impl JointBilateral {
         map: ArrayView2<'m, f32>,
         support: Option<ArrayView2<'m, f32>>,
         guide: &'m [Array2<f32>],
-    ) -> Result<BilateralRows<'m>> {
+    ) -> Result<impl Fn(usize, &mut [f32]) + 'm> {
         let supports = support.iter().map(|support| ("the support", support.dim()));
         for (what, found) in supports.chain(guide.iter().map(|channel| ("the guide", channel.dim()))) {
             if found != map.dim() {
                 return Err(Error::Size { what, found, expected: map.dim() });
             }
         }
-        Ok(BilateralRows { filter: self, map, support, guide })
+        Ok(move |y, out: &mut [f32]| self.row(map, support, guide, y, out))
     }
-}
 
-/// A [`JointBilateral`] filter of one map.
-pub struct BilateralRows<'m> {
-    filter: &'m JointBilateral,
-    map: ArrayView2<'m, f32>,
-    support: Option<ArrayView2<'m, f32>>,
-    guide: &'m [Array2<f32>],
-}
-
-impl BilateralRows<'_> {
-    /// Writes row `y` of the filtered map to `out`; nothing where there is no such row.
-    pub fn filter(&self, y: usize, out: &mut [f32]) {
-        let Self { filter: JointBilateral { taps, falloff, dense }, map, support, guide } = self;
+    fn row(
+        &self,
+        map: ArrayView2<'_, f32>,
+        support: Option<ArrayView2<'_, f32>>,
+        guide: &[Array2<f32>],
+        y: usize,
+        out: &mut [f32],
+    ) {
+        let Self { taps, falloff, dense } = self;
         let (height, width) = map.dim();
         if y >= height || width == 0 {
             return;

@@ -95,7 +95,7 @@ impl ErrorBar {
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
-            let source = calibration.source();
+            let source = &calibration.source;
             let other = match calibration.mismatch(&run) {
                 None if prior.form == PriorForm::Map => Some(format!(
                     "a map from a file does not name its network; use the calibration for maps of the network that it was estimated with ({})",
@@ -131,7 +131,7 @@ impl ErrorBar {
         let fitting = match (&self.given, mismatch) {
             (Some((name, calibration)), _) => Some((name.clone(), calibration)),
             (None, None) => {
-                let (scenes, source) = (shipped.scenes().len(), shipped.source());
+                let (scenes, source) = (shipped.scenes.len(), &shipped.source);
                 Some((format!("{scenes} scenes of {} with {}", source.data, source.prior), &shipped))
             }
             (None, Some(_)) => None,
@@ -142,7 +142,7 @@ impl ErrorBar {
         let common_assumed =
             Some(usual).filter(|usual| states && common_by.is_none() && config.fusion.common_error == *usual);
         let of_scale = |(by, calibration): &(String, &Calibration)| {
-            Some(ScaleError { relative: calibration.scale_error()?, by: by.clone() })
+            Some(ScaleError { relative: calibration.scale_error?, by: by.clone() })
         };
         let scale = fitting.as_ref().filter(|_| !scaled).and_then(of_scale);
         let mut stated = Stated { factor, interval: None, scale, common_by, common_assumed, warnings };

@@ -334,7 +334,7 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
         assert!(place.has(&format!("learned/{file}")), "{file}");
     }
     let calibration = calibration::read(&place.path("learned/calibration.toml")).unwrap();
-    assert_eq!((calibration.scenes().len(), calibration.held_out().len()), (3, 4));
+    assert_eq!((calibration.scenes.len(), calibration.held_out.len()), (3, 4));
 
     place.run(&format!("{REFINE} -o plain"));
     let options = "--calibration learned/calibration.toml --interval 0.8";

@@ -77,19 +77,17 @@ fn rows(path: &Path) -> Result<Vec<KnownDepth>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::tests::folder;
 
     #[test]
     fn rows_are_read_with_and_without_a_head() {
-        let place = folder("known");
+        let place = tempfile::tempdir().unwrap();
         let read = |text: &str| {
-            std::fs::write(place.join("known.csv"), text).unwrap();
-            read_known_depths(&place.join("known.csv"), Path::new("a.jpg"), (100, 200)).unwrap()
+            std::fs::write(place.path().join("known.csv"), text).unwrap();
+            read_known_depths(&place.path().join("known.csv"), Path::new("a.jpg"), (100, 200)).unwrap()
         };
         let one = KnownDepth { x: 10.0, y: 20.0, depth: 1.5, sigma: 0.0 };
         let other = KnownDepth { x: 30.0, y: 40.0, depth: 2.5, sigma: 0.1 };
         assert_eq!(read("x,y,depth\n10, 20, 1.5\n\n# a comment\n30,40,2.5,0.1\n"), [one, other]);
         assert_eq!(read("10,20,1.5"), [one]);
-        std::fs::remove_dir_all(place).unwrap();
     }
 }

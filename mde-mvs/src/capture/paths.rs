@@ -18,21 +18,19 @@ pub fn relative_path(path: &Path, folder: &Path) -> io::Result<Option<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::tests::folder;
     use std::fs;
 
     #[test]
     fn a_path_leads_from_the_folder_to_the_file() {
-        let place = folder("paths");
+        let place = tempfile::tempdir().unwrap();
         for folder in ["a/b", "d/e"] {
-            fs::create_dir_all(place.join(folder)).unwrap();
+            fs::create_dir_all(place.path().join(folder)).unwrap();
         }
-        let file = place.join("a/b/c.png");
+        let file = place.path().join("a/b/c.png");
         fs::write(&file, "").unwrap();
         let cases = [("a/b", "c.png"), ("a", "b/c.png"), ("", "a/b/c.png"), ("d/e", "../../a/b/c.png")];
         for (folder, expected) in cases {
-            assert_eq!(relative_path(&file, &place.join(folder)).unwrap().as_deref(), Some(expected));
+            assert_eq!(relative_path(&file, &place.path().join(folder)).unwrap().as_deref(), Some(expected));
         }
-        fs::remove_dir_all(place).unwrap();
     }
 }

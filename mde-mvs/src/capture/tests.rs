@@ -1,4 +1,4 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Isometry3, Point2, Vector3};
@@ -11,12 +11,6 @@ const SIZE: [usize; 2] = [64, 48];
 
 fn present(path: &Path) -> Option<[usize; 2]> {
     (!path.to_string_lossy().contains("gone")).then_some(SIZE)
-}
-
-pub(super) fn folder(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("mde-mvs-{name}-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
 }
 
 fn frames() -> Vec<Frame> {
@@ -115,15 +109,14 @@ fn bad_transforms_are_named() {
 #[cfg(unix)]
 #[test]
 fn files_that_never_end_are_refused() {
-    let folder = folder("pipe");
-    let pipe = folder.join("transforms.json");
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("transforms.json");
     let _ = std::fs::remove_file(&pipe);
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     for path in [pipe.as_path(), Path::new("/dev/zero")] {
         let message = read_transforms(path, PixelCentres::Halves, &present).unwrap_err().to_string();
         assert!(message.contains("give a regular file"), "{message}");
     }
-    std::fs::remove_dir_all(folder).unwrap();
 }
 
 /// A model of the frames without distortion, as text and as bytes.
@@ -197,18 +190,18 @@ fn colmap_models_are_read_as_text_and_as_bytes() {
 #[test]
 fn a_model_on_disk_is_found_in_either_form() {
     let (text, bytes) = colmap_files(&frames());
-    let folder = folder("colmap");
+    let folder = tempfile::tempdir().unwrap();
     let names = ["cameras", "images", "points3D"];
     for (name, text) in names.iter().zip(&text) {
-        std::fs::write(folder.join(format!("{name}.txt")), text).unwrap();
+        std::fs::write(folder.path().join(format!("{name}.txt")), text).unwrap();
     }
-    let by_text = read_colmap(&folder, Path::new("shots"), &present).unwrap();
+    let by_text = read_colmap(folder.path(), Path::new("shots"), &present).unwrap();
     for (name, bytes) in names.iter().zip(&bytes) {
-        std::fs::write(folder.join(format!("{name}.bin")), bytes).unwrap();
+        std::fs::write(folder.path().join(format!("{name}.bin")), bytes).unwrap();
     }
-    assert_eq!(by_text, read_colmap(&folder, Path::new("shots"), &present).unwrap());
-    std::fs::remove_dir_all(&folder).unwrap();
-    let gone = read_colmap(&folder, Path::new("shots"), &present).unwrap_err().to_string();
+    assert_eq!(by_text, read_colmap(folder.path(), Path::new("shots"), &present).unwrap());
+    let gone =
+        read_colmap(&folder.path().join("gone"), Path::new("shots"), &present).unwrap_err().to_string();
     assert!(gone.contains("cameras.txt"), "{gone}");
 }
 
@@ -241,8 +234,8 @@ fn a_map_has_its_sizes_and_then_its_rows() {
 
 #[test]
 fn a_photograph_s_sparse_depths_are_those_of_its_points() {
-    let folder = folder("depths");
-    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     write("cameras.txt", "7 PINHOLE 64 48 50 50 32 24\n");
     // A metre before the world's origin; the second image is of the same name in another folder.
     let images = "1 1 0 0 0 0 0 1 7 left/a.jpg\n\n2 1 0 0 0 1 0 1 7 left/b.jpg\n\n";
@@ -251,15 +244,14 @@ fn a_photograph_s_sparse_depths_are_those_of_its_points() {
         "points3D.txt",
         "1 0.2 -0.1 1 0 0 0 0.5 1 0 2 0\n2 0 0 -3 0 0 0 0.5 1 1 2 1\n3 0 0 2 0 0 0 0.5 2 2\n4 9 0 2 0 0 0 0.5 1 3\n",
     );
-    let found = read_colmap_depths(&folder, "a.jpg").unwrap();
+    let found = read_colmap_depths(folder.path(), "a.jpg").unwrap();
     assert_eq!(found.size, [64, 48]);
     assert_eq!(found.depths, [(Point2::new(36.5, 21.0), 2.0)]);
-    let gone = read_colmap_depths(&folder, "c.jpg").unwrap_err().to_string();
+    let gone = read_colmap_depths(folder.path(), "c.jpg").unwrap_err().to_string();
     assert!(gone.contains("c.jpg") && gone.contains("0 photographs"), "{gone}");
     write("images.txt", &images.replace("left/b.jpg", "right/a.jpg"));
-    assert!(read_colmap_depths(&folder, "a.jpg").unwrap_err().to_string().contains("2 photographs"));
-    assert_eq!(read_colmap_depths(&folder, "left/a.jpg").unwrap(), found);
-    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(read_colmap_depths(folder.path(), "a.jpg").unwrap_err().to_string().contains("2 photographs"));
+    assert_eq!(read_colmap_depths(folder.path(), "left/a.jpg").unwrap(), found);
 }
 
 #[test]

@@ -95,7 +95,6 @@ fn maps(view: &DepthView<'_>) -> [Array3<f32>; 2] {
 #[cfg(all(test, feature = "surface"))]
 mod tests {
     use super::*;
-    use crate::capture::tests::folder;
     use crate::capture::{read_colmap, read_colmap_depths};
     use crate::cloud::consistent_points;
     use crate::export::tests::{SIZE, with_plane};
@@ -108,11 +107,11 @@ mod tests {
 
     #[test]
     fn every_point_of_a_photograph_is_at_its_pixel() {
-        let place = folder("view");
+        let place = tempfile::tempdir().unwrap();
         with_plane(|view| {
             let files = colmap_view(view, &[Frame::new(view.camera, view.pose, "image.png")]);
-            files.iter().for_each(|(name, text)| fs::write(place.join(name), text).unwrap());
-            let found = read_colmap_depths(&place, "image.png").unwrap();
+            files.iter().for_each(|(name, text)| fs::write(place.path().join(name), text).unwrap());
+            let found = read_colmap_depths(place.path(), "image.png").unwrap();
             assert_eq!((found.size, found.depths.len()), ([SIZE.1, SIZE.0], SIZE.0 * SIZE.1 - 1));
             for (pixel, depth) in found.depths {
                 let near = pixel.map(f64::round);
@@ -120,12 +119,11 @@ mod tests {
                 assert!((view.depth[(near.y as usize, near.x as usize)] - depth as f32).abs() < 1e-4);
             }
         });
-        fs::remove_dir_all(place).unwrap();
     }
 
     #[test]
     fn a_workspace_has_the_maps_and_each_point_in_all_photographs_that_show_it() {
-        let place = folder("workspace");
+        let place = tempfile::tempdir().unwrap();
         let (depth, sigma) = (Array2::from_elem(SIZE, 2.0), Array2::from_elem(SIZE, 0.05));
         with_plane(|view| {
             // Of a wall, a pixel apart.
@@ -138,13 +136,13 @@ mod tests {
             let maps = [map(0.0), map(1.0), map(2.0)];
             let named = maps.iter().zip(0..).map(|(map, index)| (*map, format!("photo-{index}.png")));
             let write = |name: &str, bytes: &[u8]| {
-                let path = place.join(name);
+                let path = place.path().join(name);
                 fs::create_dir_all(path.parent().unwrap())?;
                 fs::write(path, bytes)
             };
             colmap_workspace(&named.collect::<Vec<_>>(), &consistent_points(&maps), write).unwrap();
         });
-        let file = |name: &str| place.join(name);
+        let file = |name: &str| place.path().join(name);
         let text = |name: &str| fs::read_to_string(file(name)).unwrap();
         assert_eq!(text("stereo/fusion.cfg"), "photo-0.png\nphoto-1.png\nphoto-2.png\n");
         assert!(text("stereo/patch-match.cfg").starts_with("photo-0.png\n__auto__, 20\nphoto-1.png\n"));
@@ -157,7 +155,6 @@ mod tests {
         // The first photograph shows all but two columns of what the third does.
         let in_all = read.points.iter().filter(|point| point.frames.len() == 3).count();
         assert_eq!((read.frames.len(), in_all), (3, SIZE.0 * (SIZE.1 - 2)));
-        fs::remove_dir_all(place).unwrap();
     }
 
     proptest! {

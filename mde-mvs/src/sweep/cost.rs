@@ -12,7 +12,7 @@ use mde_warp::transfer::PlaneTransfer;
 /// Half the side of the correlation window, pixels.
 pub(crate) const RADIUS: usize = 2;
 /// Its side.
-const WINDOW: usize = 2 * RADIUS + 1;
+pub(crate) const WINDOW: usize = 2 * RADIUS + 1;
 /// Standard deviation of a grey value's noise, in sRGB units.
 pub(crate) const NOISE: f32 = 2.0 / 255.0;
 /// Cost 1 (no correlation, or a negative one), quantised.

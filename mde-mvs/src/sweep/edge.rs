@@ -7,8 +7,9 @@
 use mde_warp::PosedView;
 use ndarray::Array2;
 use rayon::prelude::*;
+use std::array::from_fn;
 
-use super::cost::{NOISE, RADIUS, Volume, WORST};
+use super::cost::{NOISE, RADIUS, Volume, WINDOW, WORST};
 use super::patches;
 use crate::raster::luma;
 
@@ -34,7 +35,7 @@ pub(super) fn alike(a: [f32; 3], b: [f32; 3], sigma: f32) -> f32 {
 
 /// The colour of a pixel.
 pub(super) fn colour(view: &PosedView, y: usize, x: usize) -> [f32; 3] {
-    std::array::from_fn(|channel| view.image[(y, x, channel)])
+    from_fn(|channel| view.image[(y, x, channel)])
 }
 
 /// Share of the contrast that a match at each pixel has from its own surface, 0 to 1: \\( v / (v + 4 \nu^2) \\), of the variance
@@ -85,24 +86,27 @@ fn near_edges(log_depth: &[f32], width: usize) -> Vec<bool> {
 
 /// The pixel within the radius whose window has the colours most like those at `[y, x]`.
 fn most_alike(view: &PosedView, [height, width]: [usize; 2], [y, x]: [usize; 2]) -> usize {
-    const SIDE: usize = 4 * RADIUS + 1;
+    const SIDE: usize = WINDOW + 2 * RADIUS;
     let here = colour(view, y, x);
     let at = |dy: isize, dx: isize| {
         let (row, column) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
         (row < height && column < width).then_some((row, column))
     };
-    // Of all pixels that any of the windows has; nothing beyond the image.
-    let mut like = [[None; SIDE]; SIDE];
+    // Of all pixels that any of the windows has, and whether there is one: nothing beyond the image.
+    let mut like = [[[0.0_f32; 2]; SIDE]; SIDE];
     for (dy, line) in (-2 * REACH..).zip(&mut like) {
         for (dx, like) in (-2 * REACH..).zip(line) {
-            *like = at(dy, dx).map(|(row, column)| alike(here, colour(view, row, column), COLOUR));
+            let Some((row, column)) = at(dy, dx) else { continue };
+            *like = [alike(here, colour(view, row, column), COLOUR), 1.0];
         }
     }
+    let add = |[a, b]: [f32; 2], [c, d]: &[f32; 2]| [a + c, b + d];
+    let total = |part: &[[f32; 2]]| part.iter().fold([0.0; 2], add);
+    let across = like.map(|line| from_fn::<_, WINDOW, _>(|left| total(&line[left..left + WINDOW])));
     let window = |dy: isize, dx: isize| {
         let (top, left) = ((dy + REACH) as usize, (dx + REACH) as usize);
-        let lines = like[top..=top + 2 * RADIUS].iter();
-        let inside = lines.flat_map(|line| line[left..=left + 2 * RADIUS].iter().flatten());
-        let (sum, count) = inside.fold((0.0, 0.0), |(sum, count), like| (sum + like, count + 1.0));
+        let lines = across[top..top + WINDOW].iter().map(|line| &line[left]);
+        let [sum, count] = lines.fold([0.0; 2], add);
         sum / count - DISTANCE * ((dy * dy + dx * dx) as f32).sqrt() / RADIUS as f32
     };
     let mut best = (window(0, 0), y * width + x);

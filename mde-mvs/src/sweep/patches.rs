@@ -54,7 +54,7 @@ const CHANGE: f32 = 0.02;
 const CHANGE_OF_SLOPE: f32 = 0.004;
 const ITERATIONS: u64 = 3;
 /// Relative difference of planes that are the same.
-const SAME: f32 = 5e-4;
+const SAME: f32 = 1e-3;
 
 /// Inverse depth about a pixel.
 #[derive(Debug, Clone, Copy, Default)]

@@ -78,12 +78,10 @@ pub fn withheld_error(
         maps.push(small_map(prior, view.camera.dim()));
         small.push(view);
     }
-    let target = small.remove(withheld);
-    maps.remove(withheld);
+    let (target, _) = (small.remove(withheld), maps.remove(withheld));
     let maps: Vec<ArrayView2<'_, f32>> = maps.iter().map(|map| map.view()).collect();
     let known = reconstruct(&small, &maps, scale, &mut silent)?;
-    let ([reference, ..], [own, ..], [prior, ..]) = (&*small, &*known.views, &*maps) else { return Ok(None) };
-    error(reference, &target, [own.fused.mean(), own.prior.mean()], prior, known.scale)
+    unused_error(&small[0], &target, &known.views[0], maps[0], known.scale)
 }
 
 /// The same for a `target` that had no part in what is `known` of the depth of `reference`, whose `prior` is in the unit of the poses but
@@ -104,25 +102,15 @@ pub fn unused_error(
         Ok(small_map(&map, from.camera.dim()))
     };
     let (found, gauged, prior) = (of(known.fused.mean())?, of(known.prior.mean())?, of(prior)?);
-    error(&from, &to, [found.view(), gauged.view()], &prior.view(), scale)
-}
-
-/// The error through the depth that was found, and the least through the gauged prior and the multiples of the scaled one.
-fn error(
-    reference: &PosedView,
-    target: &PosedView,
-    [found, gauged]: [ArrayView2<'_, f32>; 2],
-    prior: &ArrayView2<'_, f32>,
-    scale: Option<Scale>,
-) -> Result<Option<WithheldError>> {
     let factor = scale.map_or(1.0, |scale| scale.log_scale.exp());
     let scaled = prior.mapv(|z| (f64::from(z) * factor) as f32);
-    let found = differences(reference, target, found)?;
-    let mut best = compare(&differences(reference, target, gauged)?, &found);
-    // The scale may itself rest on wrong matches, so the prior may choose its factor.
+    let differences = |depth: ArrayView2<'_, f32>| differences(&from, &to, depth);
+    let found = differences(found.view())?;
+    // The least of the gauged prior and of multiples of the scaled one: the scale may itself rest on wrong matches.
+    let mut best = compare(&differences(gauged.view())?, &found);
     for step in SCALES {
         let scaled = scaled.mapv(|z| (f64::from(z) * (STEP * step).exp()) as f32);
-        if let Some(next) = compare(&differences(reference, target, scaled.view())?, &found) {
+        if let Some(next) = compare(&differences(scaled.view())?, &found) {
             best = best.filter(|best| best.found - best.prior >= next.found - next.prior).or(Some(next));
         }
     }

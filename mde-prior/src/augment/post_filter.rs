@@ -50,7 +50,7 @@ pub(super) fn bilateral(
     let mut filtered = Array2::zeros(map.dim());
     if let Some(values) = filtered.as_slice_mut() {
         let width = map.ncols().max(1);
-        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| rows.filter(y, row));
+        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| rows(y, row));
     }
     Ok(filtered)
 }

@@ -120,10 +120,10 @@ pub(super) fn calibrate(args: &CalibrateArgs) -> Result<()> {
             .with_context(|| path.display().to_string())?;
         let factor = calibration.intervals()?.factor(Calibration::AT)?;
         progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
-        if let Some(error) = calibration.scale_error() {
+        if let Some(error) = calibration.scale_error {
             progress.step(&format!("  scale of the whole map: +-{:.1} % beside sigma", 100.0 * error));
         }
-        for held in calibration.held_out() {
+        for held in &calibration.held_out {
             progress.step(&format!(
                 "  {:.0} % intervals: mean coverage {:.1} % on held-out scenes ({:.0} to {:.0} %)",
                 100.0 * held.probability,

@@ -115,14 +115,14 @@ pub(super) fn fuse(
 ///
 /// Matches of neighbours share their errors, so that variances which take them as independent are too small. Where two
 /// verified maps meet, 90 % of the differences should lie within 1.645 standard deviations.
-pub(super) fn inflation(views: &[&PosedView], maps: &[&Map]) -> f32 {
-    let pairs = (0..views.len()).flat_map(|i| (0..views.len()).map(move |j| (i, j)));
+pub(super) fn inflation(maps: &[(&PosedView, &Map)]) -> f32 {
+    let pairs = (0..maps.len()).flat_map(|i| (0..maps.len()).map(move |j| (i, j)));
     let pairs: Vec<(usize, usize)> = pairs.filter(|(i, j)| i != j).collect();
     let mut scores: Vec<f64> = pairs
         .par_iter()
         .flat_map_iter(|&(i, j)| {
-            let carried = splat(views[j], maps[j], views[i]);
-            let (own, agreement) = (&maps[i].depth, &maps[i].agreement.agree);
+            let carried = splat(maps[j], maps[i].0);
+            let (own, agreement) = (&maps[i].1.depth, &maps[i].1.agreement.agree);
             let score = |((y, x), &(log, v)): ((usize, usize), &(f32, f32))| {
                 let (z, variance) = own.get(y, x).filter(|(z, _)| *z > 0.0)?;
                 let seen = v.is_finite() && agreement[(y, x)] > 0;
@@ -137,7 +137,7 @@ pub(super) fn inflation(views: &[&PosedView], maps: &[&Map]) -> f32 {
 }
 
 /// Log depth and its variance of one view's verified pixels seen from another, the nearest where several land.
-fn splat(from: &PosedView, map: &Map, to: &PosedView) -> Array2<(f32, f32)> {
+fn splat((from, map): (&PosedView, &Map), to: &PosedView) -> Array2<(f32, f32)> {
     let transfer = PlaneTransfer::new(from, to);
     let mut out = Array2::from_elem(to.camera.dim(), (f32::INFINITY, f32::INFINITY));
     for ((y, x), &z) in map.depth.mean().indexed_iter() {

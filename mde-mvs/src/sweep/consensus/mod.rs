@@ -30,9 +30,9 @@ pub struct ViewDepth {
     pub sweep: Sweep,
     /// The consensus, the sweep fused with the prior: depth and variance in the unit of the poses.
     pub fused: GaussianDepth,
-    /// Counts over the other photographs of the result.
+    /// Counts over its sources.
     pub agreement: Agreement,
-    /// Share of the pixels on which at least one other photograph agrees.
+    /// Share of the pixels on which at least one source agrees.
     pub verified: f32,
     /// Share of the variance of `fused`, but for the inflation, that is photometric ambiguity: the variance of the softmin of the sweep's
     /// costs, by the weight of the match. The rest is the prior's, and the doubt whether the match is right.

@@ -34,8 +34,8 @@ const NARROW: f64 = 1.5;
 /// Photographs whose last sweeps are kept: on a walk, those that the next photographs share.
 const KEPT: usize = 24;
 
-/// Plane sweeps of a capture. Each photograph is swept against sources of its own, when a result first needs that; the sweeps of the
-/// 24 photographs that were used last are kept for the results that follow. A result does not depend on those before it.
+/// Plane sweeps of a capture. Each photograph is swept against sources of its own, which alone confirm its depth, when a result first needs
+/// that. Sweeps and depths of 24 photographs are kept for the results that follow. A result does not depend on those before it.
 ///
 /// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all, computed when it is needed.
 #[derive(Debug)]
@@ -150,8 +150,8 @@ impl Sweeps {
         Ok(())
     }
 
-    /// Depth and variance of these photographs, of which agreement and inflation are counted among themselves. `views` and `prior` are
-    /// those of [`new`](Self::new). The callback counts the photographs as the last sweep of each ends.
+    /// Depth and variance of these photographs, with the inflation of their differences. `views` and `prior` are those of
+    /// [`new`](Self::new). The callback counts the photographs that are swept, as many at once as are kept, as the last sweep of each ends.
     ///
     /// # Errors
     /// [`Error::Reference`] for an index that is none of the views, [`Error::Interrupted`], and what [`sweep`] refuses.
@@ -190,9 +190,9 @@ impl Sweeps {
                 break;
             }
         }
-        let maps: Vec<&Map> = members.iter().map(|i| &self.maps[i]).collect();
-        let inflation = inflation(&members.iter().map(|&i| &views[i]).collect::<Vec<_>>(), &maps);
-        let of = |(map, &i): (&Map, &usize)| -> Result<ViewDepth> {
+        let maps: Vec<_> = members.iter().map(|i| (&views[*i], &self.maps[i])).collect();
+        let inflation = inflation(&maps);
+        let of = |(&i, (_, map)): (&usize, (&PosedView, &Map))| -> Result<ViewDepth> {
             let Fine { gauge, sweep, .. } = &self.fine[&i];
             Ok(ViewDepth {
                 prior: gauge.apply(prior(i).view())?,
@@ -203,7 +203,7 @@ impl Sweeps {
                 ambiguity: map.ambiguity.clone(),
             })
         };
-        let views = maps.into_iter().zip(members).map(of).collect::<Result<_>>()?;
+        let views = members.iter().zip(maps).map(of).collect::<Result<_>>()?;
         Ok(Reconstruction { scale: self.scale, views, inflation })
     }
 
