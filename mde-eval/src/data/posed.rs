@@ -11,6 +11,7 @@ use mde_uncertainty::statistics::median;
 use nalgebra::Point2;
 use ndarray::{Array2, ArrayView2};
 use serde::Deserialize;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Photographs of scenes with poses, and the true depth of one of them: `SET/SCENE/` with a `transforms.json` and a `scene.json`.
@@ -43,18 +44,6 @@ struct Description {
     extra_views: Option<Vec<usize>>,
     set: Option<String>,
     max_depth: Option<f64>,
-}
-
-/// What a `transforms.json` has besides cameras and poses.
-#[derive(Debug, Deserialize)]
-struct Depths {
-    depth_units_per_metre: Option<f64>,
-    frames: Vec<DepthOf>,
-}
-
-#[derive(Debug, Deserialize)]
-struct DepthOf {
-    depth_file_path: Option<String>,
 }
 
 impl Posed {
@@ -99,7 +88,7 @@ impl Posed {
         if let Some(photograph) = read.unreadable.first() {
             return Err(fault(format!("photograph {} is missing or no image", photograph.display())));
         }
-        let depths: Depths = read_json(&path)?;
+        let depths: Value = read_json(&path)?;
         let frames = read.frames.len();
         let reference = description.reference;
         let further = description.extra_views.unwrap_or_else(|| (0..frames).collect());
@@ -113,14 +102,14 @@ impl Posed {
         };
         let views = order.map(view).collect::<Result<Vec<_>>>()?;
         let lens = read.frames[reference].lens;
-        let file = depths.frames.get(reference).and_then(|frame| frame.depth_file_path.as_ref());
+        let file = depths["frames"][reference]["depth_file_path"].as_str();
         let unnamed = || fault(format!("names no depth_file_path for frame {reference}, the reference"));
         let file = file.ok_or_else(unnamed)?;
-        let units = depths.depth_units_per_metre.unwrap_or(1000.0);
-        if !(units > 0.0 && units.is_finite()) {
+        let units = depths.get("depth_units_per_metre").unwrap_or(&json!(1000)).clone();
+        let Some(scale) = units.as_f64().filter(|scale| *scale > 0.0) else {
             return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
-        }
-        let options = ReadOptions { png_scale: Some(units), ..ReadOptions::default() };
+        };
+        let options = ReadOptions { png_scale: Some(scale), ..ReadOptions::default() };
         let depth_path = scene.join(file);
         let depth = read_depth(&depth_path, &options)?;
         let (height, width) = lens.camera.dim();

@@ -159,6 +159,20 @@ mod tests {
     }
 
     #[test]
+    fn a_result_does_not_depend_on_those_before_it() {
+        let (views, _, priors) = room(1.0);
+        let prior = |view: usize| priors[view].clone();
+        let last_of = |results: &[&[usize]]| {
+            let sources = vec![vec![0, 1], vec![0, 1, 2], vec![1, 2, 3], vec![2, 3]];
+            let mut sweeps = Sweeps::new(&views, &prior, sources).unwrap();
+            let result =
+                |members: &&[usize]| sweeps.reconstruct(&views, &prior, members, &mut silent).unwrap();
+            results.iter().map(result).last().unwrap()
+        };
+        assert_eq!(last_of(&[&[0, 1], &[2, 1, 3]]), last_of(&[&[2, 1, 3]]));
+    }
+
+    #[test]
     fn too_few_views_are_named() {
         let (views, _, priors) = room(1.0);
         let found = reconstruct(&views[..1], &[priors[0].view()], None, &mut silent);

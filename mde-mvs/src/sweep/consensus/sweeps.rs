@@ -32,10 +32,10 @@ const NEAR_SHARE: usize = 100;
 const NARROW: f64 = 1.5;
 
 /// Photographs whose last sweeps are kept: on a walk, those that the next photographs share.
-const KEPT: usize = 24;
+const KEPT: usize = 22;
 
 /// Plane sweeps of a capture. Each photograph is swept against sources of its own, which alone confirm its depth, when a result first needs
-/// that. Sweeps and depths of 24 photographs are kept for the results that follow. A result does not depend on those before it.
+/// that. Sweeps and depths of 22 photographs are kept for the results that follow. A result does not depend on those before it.
 ///
 /// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all, computed when it is needed.
 #[derive(Debug)]
@@ -207,7 +207,7 @@ impl Sweeps {
         Ok(Reconstruction { scale: self.scale, views, inflation })
     }
 
-    /// Makes room for the last sweeps of those photographs; those that there are not yet come back.
+    /// Makes room for the last sweeps of those photographs: what no result to come needs goes first. Those that are missing come back.
     fn keep(&mut self, needed: BTreeSet<usize>) -> Vec<usize> {
         let left = (0..self.sources.len()).filter(|view| !self.done.contains(view));
         let later: BTreeSet<usize> = left.flat_map(|view| &self.sources[view]).copied().collect();
@@ -220,9 +220,8 @@ impl Sweeps {
         }
         let missing = needed.iter().copied().filter(|i| !self.fine.contains_key(i)).collect();
         self.used.extend(needed);
-        let sources = self.used.iter().flat_map(|&view| &self.sources[view]);
-        let near: BTreeSet<usize> = self.used.iter().chain(sources).copied().collect();
-        self.coarse.retain(|view, _| near.contains(view));
+        let is_near = |view: &usize| self.used.iter().any(|i| i == view || self.sources[*i].contains(view));
+        self.coarse.retain(|view, _| is_near(view));
         missing
     }
 
