@@ -11,7 +11,7 @@ use mde_uncertainty::statistics::median;
 use nalgebra::Point2;
 use ndarray::{Array2, ArrayView2};
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Photographs of scenes with poses, and the true depth of one of them: `SET/SCENE/` with a `transforms.json` and a `scene.json`.
@@ -105,8 +105,9 @@ impl Posed {
         let file = depths["frames"][reference]["depth_file_path"].as_str();
         let unnamed = || fault(format!("names no depth_file_path for frame {reference}, the reference"));
         let file = file.ok_or_else(unnamed)?;
-        let units = depths.get("depth_units_per_metre").unwrap_or(&json!(1000)).clone();
-        let Some(scale) = units.as_f64().filter(|scale| *scale > 0.0) else {
+        let units = &depths["depth_units_per_metre"];
+        let scale = if units.is_null() { Some(1000.0) } else { units.as_f64() };
+        let Some(scale) = scale.filter(|scale| *scale > 0.0) else {
             return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
         };
         let options = ReadOptions { png_scale: Some(scale), ..ReadOptions::default() };

@@ -257,14 +257,9 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Column and row of a pixel.
-    fn place(&self, at: usize) -> [usize; 2] {
-        [at % self.width, at / self.width]
-    }
-
-    /// The pixel that lies `[dx, dy]` away from column `x` and row `y`, in the image.
-    fn beside(&self, [x, y]: [usize; 2], [dx, dy]: [isize; 2]) -> Option<usize> {
-        let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+    /// The pixel that lies `[dx, dy]` away, in the image.
+    fn beside(&self, at: usize, [dx, dy]: [isize; 2]) -> Option<usize> {
+        let (x, y) = ((at % self.width).checked_add_signed(dx)?, (at / self.width).checked_add_signed(dy)?);
         (x < self.width && y < self.height).then_some(y * self.width + x)
     }
 
@@ -272,11 +267,11 @@ impl<'a> Reference<'a> {
         let none = [0.0; SAMPLES];
         let mut patch =
             Patch { x: none, y: none, weight: none, luma: none, all: 0.0, mean: 0.0, variance: 0.0 };
-        let (place, reach) = (self.place(at), RADIUS as isize);
+        let reach = RADIUS as isize;
         let offsets = (-reach..=reach).step_by(STEP);
         let offsets = offsets.clone().flat_map(|dy| offsets.clone().map(move |dx| [dx, dy]));
         for (i, [dx, dy]) in offsets.enumerate() {
-            let Some(sample) = self.beside(place, [dx, dy]) else { continue };
+            let Some(sample) = self.beside(at, [dx, dy]) else { continue };
             let squared = (dx * dx + dy * dy) as f32;
             let near = (1.0 - squared / (8.0 * DISTANCE * DISTANCE)).max(0.0).powi(4);
             let weight = near * alike(self.colours[at], self.colours[sample], COLOUR);
@@ -293,7 +288,7 @@ impl<'a> Reference<'a> {
     }
 
     fn pixel(&self, at: usize) -> [f32; 2] {
-        self.place(at).map(|n| n as f32)
+        [(at % self.width) as f32, (at / self.width) as f32]
     }
 
     /// The first plane of a pixel, by the better half of the photographs that show it.
@@ -324,9 +319,9 @@ impl<'a> Reference<'a> {
         [apart, least]: [f32; 2],
     ) -> Option<Match> {
         let photographs = || self.sources.iter().enumerate().filter(|(index, _)| with >> index & 1 == 1);
-        let (mut shown, pixel) = ([Shown::default(); SOURCES], self.pixel(at));
+        let mut shown = [Shown::default(); SOURCES];
         for (index, source) in photographs() {
-            shown[index] = source.shown(plane, pixel)?;
+            shown[index] = source.shown(plane, self.pixel(at))?;
         }
         let count = with.count_ones() as f32;
         let back = shown.iter().map(|shown| shown.back).sum::<f32>() / count;
@@ -347,12 +342,12 @@ impl<'a> Reference<'a> {
         if w <= 0.0 {
             return Plane::default();
         }
-        let (place, reach) = (self.place(at), FIT as isize);
+        let reach = FIT as isize;
         // Half a pixel squared of doubt keeps the slope of few neighbours small.
         let (mut xx, mut xy, mut yy, mut xw, mut yw) = (0.5, 0.0, 0.5, 0.0, 0.0);
         for dy in -reach..=reach {
             for dx in -reach..=reach {
-                let known = self.beside(place, [dx, dy]).filter(|&i| self.before[i] > 0.0);
+                let known = self.beside(at, [dx, dy]).filter(|&i| self.before[i] > 0.0);
                 let Some(beside) = known else { continue };
                 let change = self.before[beside] / w - 1.0;
                 let like = alike(self.colours[at], self.colours[beside], COLOUR);
@@ -369,9 +364,8 @@ impl<'a> Reference<'a> {
 
     /// The pixel's inverse depth on the planes of its neighbours, with the likeness of their colours.
     fn neighbours(&self, matches: &[Match], at: usize) -> [[f32; 2]; 8] {
-        let place = self.place(at);
         SMOOTH.map(|offset| {
-            let known = self.beside(place, offset).filter(|&i| matches[i].plane.w > 0.0);
+            let known = self.beside(at, offset).filter(|&i| matches[i].plane.w > 0.0);
             let Some(beside) = known else { return [0.0; 2] };
             let like = alike(self.colours[at], self.colours[beside], COLOUR) + 1e-3;
             [matches[beside].plane.moved(offset.map(|d| -d)).w, like]
@@ -408,7 +402,7 @@ impl<'a> Reference<'a> {
         // Those beside it and those further away take turns.
         let offsets = if iteration.is_multiple_of(2) { &BESIDE } else { &FAR };
         for &offset in offsets {
-            let Some(beside) = self.beside(self.place(at), offset) else { continue };
+            let Some(beside) = self.beside(at, offset) else { continue };
             let plane = matches[beside].plane.moved(offset.map(|d| -d));
             if (plane.w / best.plane.w - 1.0).abs() >= SAME {
                 attempt(plane, &mut best);
