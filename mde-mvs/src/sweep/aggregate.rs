@@ -59,7 +59,7 @@ fn step(
         let near = left[k].min(right[k]) + small;
         let path = u16::from(costs[k]) + middle[k].min(near).min(jump) - lowest;
         after[k] = path;
-        sum[k] += path;
+        sum[k] = sum[k].wrapping_add(path);
         least = least.min(path);
     }
     least
@@ -70,7 +70,9 @@ fn step(
 /// `luma` has the pixels row after row.
 pub(crate) fn aggregate(volume: &Volume, luma: &[f32], width: usize, penalties: &Penalties) -> Vec<u16> {
     let k = volume.surfaces;
-    let mut sums = vec![0_u16; volume.costs.len()];
+    // The costs that would be counted twice are taken off first, modulo 2^16.
+    let twice = |&cost: &u8| (7 * u16::from(cost)).wrapping_neg();
+    let mut sums: Vec<u16> = volume.costs.par_iter().with_min_len(width * k).map(twice).collect();
     let arch = Arch::new();
     let rows = sums.par_chunks_mut(width * k).zip(volume.costs.par_chunks(width * k));
     rows.zip(luma.par_chunks(width)).for_each(|((sums, costs), luma)| {
@@ -79,11 +81,6 @@ pub(crate) fn aggregate(volume: &Volume, luma: &[f32], width: usize, penalties: 
     for upwards in [false, true] {
         across_rows(volume, luma, width, penalties, upwards, &mut sums);
     }
-    sums.par_chunks_mut(width * k).zip(volume.costs.par_chunks(width * k)).for_each(|(sums, costs)| {
-        for (sum, &cost) in sums.iter_mut().zip(costs) {
-            *sum -= 7 * u16::from(cost);
-        }
-    });
     sums
 }
 
