@@ -106,10 +106,11 @@ fn product_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
                 }
             }
         }
-        for (sums, y) in sums.iter().zip(y.chunks_exact_mut(m)) {
-            let (y, _) = S::as_mut_simd_f32s(y);
+        // By number, so that the sums stay in registers.
+        for r in 0..ROWS {
+            let (y, _) = S::as_mut_simd_f32s(&mut y[r * m..(r + 1) * m]);
             for v in 0..VECTORS {
-                y[column + v] = if relu { simd.max_f32s(sums[v], zero) } else { sums[v] };
+                y[column + v] = if relu { simd.max_f32s(sums[r][v], zero) } else { sums[r][v] };
             }
         }
     }

@@ -25,7 +25,7 @@ pub(crate) trait Scalar: Real {
     fn mul_add(self, a: Self, b: Self) -> Self {
         self * a + b
     }
-    /// Truncation towards zero, for non-negative numbers below 2^31.
+    /// The whole part of a number from 0 to 2^22; of a whole number it may be the one below.
     fn to_index(self) -> u32 {
         self.to_f64() as u32
     }
@@ -61,14 +61,15 @@ impl Scalar for f32 {
         const HIGH: f32 = 0.693_359_4;
         const LOW: f32 = -2.121_944_4e-4;
         let x = self.clamp(-87.0, 88.0);
-        let n = (x * std::f32::consts::LOG2_E + ROUND) - ROUND;
+        let shifted = x * std::f32::consts::LOG2_E + ROUND;
+        let n = shifted - ROUND;
         let r = (x - n * HIGH) - n * LOW;
         let mut p = 1.987_569_1e-4_f32;
         for c in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5_f32] {
             p = p * r + c;
         }
         let p = p * (r * r) + r + 1.0;
-        p * f32::from_bits(((n as i32 + 127) as u32) << 23)
+        p * f32::from_bits((shifted.to_bits() + 127) << 23)
     }
 
     /// Taylor's polynomial on \\([-1/2, 1/2]\\), to which whole turns reduce exactly.
@@ -101,9 +102,15 @@ impl Scalar for f32 {
         f32::mul_add(self, a, b)
     }
 
+    /// Rounds by adding [`ROUND`]: a cast, which saturates, is not vectorised.
     #[inline(always)]
     fn to_index(self) -> u32 {
-        self as u32
+        ((self - 0.5) + ROUND).to_bits() - ROUND.to_bits()
+    }
+
+    #[inline(always)]
+    fn from_index(index: u32) -> f32 {
+        index as f32
     }
 
     #[inline(always)]
