@@ -145,7 +145,7 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Share of the rays that are drawn from view 0; the rest is drawn uniformly from the other views.
     pub original_share: f64,
-    /// Adam's learning rate after the warm-up; it decays exponentially to a tenth at the last step.
+    /// Learning rate after the warm-up; it decays exponentially to a tenth at the last step.
     pub learning_rate: f64,
     /// Steps over which the learning rate rises linearly from 0.
     pub warm_up: usize,
@@ -210,10 +210,10 @@ impl NerfConfig {
                 ..SamplingConfig::default()
             },
             train: TrainConfig {
-                steps: 700,
+                steps: 500,
                 rays: 1024,
                 original_share: 1.0 / 3.0,
-                learning_rate: 1e-2,
+                learning_rate: 2.8e-2,
                 colour_loss: ColourLoss::Charbonnier,
                 depth_weight: 0.2,
                 ..TrainConfig::default()

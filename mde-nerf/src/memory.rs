@@ -47,8 +47,8 @@ impl NerfConfig {
         let points = per_ray.max(TILE_POINTS as f64).min((rays / groups).ceil() * per_ray);
         let of_network = 4.0 * (NETWORK_COPIES * network + groups * points * activations);
         let FieldConfig::Hash(hash) = &self.field else { return of_network };
-        // The grid, its average, the first moment, and the second, one number a row.
-        let kept = 3.0 * table + table / hash.features as f64;
+        // The grid, its average, and one second moment a row.
+        let kept = 2.0 * table + table / hash.features as f64;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let scratch = (HashLayout::new(hash).largest_level() * threads.min(hash.levels)) as f64;
         of_network + 4.0 * (kept + scratch) + rays * per_ray * (POSITION + 4.0 * inputs)

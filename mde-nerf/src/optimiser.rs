@@ -1,4 +1,4 @@
-//! Adam, its schedule, and the average of the parameters.
+//! Adam, for a table without its first moment, the schedule, and the average of the parameters.
 
 use crate::config::TrainConfig;
 use crate::scalar::Scalar;
@@ -14,12 +14,12 @@ const FINAL_RATE: f64 = 0.1;
 /// Decay per step of the moving average of the parameters.
 const AVERAGE: f64 = 0.95;
 
-/// Adam's rate and bias corrections at one step.
+/// The rate and Adam's bias corrections at one step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AdamStep {
     rate: f32,
-    /// \\(1 / (1 - \beta_2^t)\\).
-    correction2: f32,
+    /// \\(1 / (1 - \beta_1^t)\\) and \\(1 / (1 - \beta_2^t)\\).
+    corrections: [f32; 2],
 }
 
 impl AdamStep {
@@ -29,73 +29,73 @@ impl AdamStep {
         let warm = (t / (config.warm_up as f64).max(1.0)).min(1.0);
         let progress = step as f64 / (config.steps as f64 - 1.0).max(1.0);
         let rate = config.learning_rate * FINAL_RATE.powf(progress) * warm;
-        Self {
-            rate: (rate / (1.0 - BETA1.powf(t))) as f32,
-            correction2: (1.0 / (1.0 - BETA2.powf(t))) as f32,
-        }
+        let correction = |beta: f64| (1.0 / (1.0 - beta.powf(t))) as f32;
+        Self { rate: rate as f32, corrections: [BETA1, BETA2].map(correction) }
     }
-}
 
-/// Adam's moments of rows of `width` parameters.
-#[derive(Debug, Default, Clone)]
-pub(crate) struct Moments {
-    /// One per parameter.
-    pub(crate) first: Vec<f32>,
-    /// One per row.
-    pub(crate) second: Vec<f32>,
-}
-
-impl Moments {
-    pub(crate) fn new(rows: usize, width: usize) -> Self {
-        Self { first: vec![0.0; rows * width], second: vec![0.0; rows] }
+    /// The second moment after a squared gradient, the step per gradient by it, and whether the gradient counts.
+    #[inline(always)]
+    fn scaled(&self, second: f32, square: f32) -> (f32, f32, bool) {
+        let second = BETA2 as f32 * second + (1.0 - BETA2) as f32 * square;
+        let root = (second * self.corrections[1]).sqrt();
+        (second, self.rate / (root + EPSILON as f32), square > NEGLIGIBLE * NEGLIGIBLE)
     }
 }
 
 /// Gradients below this count as zero: their squares would be denormal, which is slow.
 const NEGLIGIBLE: f32 = 1e-18;
 
-/// One Adam step (Kingma and Ba, 2015) of the rows whose gradient is not zero, which is then cleared.
-///
-/// The `width` parameters of a row (1, 2, 4 or 8) share their second moment, \\(v \leftarrow \beta_2 v + (1 - \beta_2)
-/// \lVert g \rVert^2 / F\\): the step is then equivariant to rotations of a row's features, and half as many bytes move.
-/// Skipping untouched rows keeps sparse updates of a large table cheap.
+/// One Adam step (Kingma and Ba, 2015) of the parameters whose gradient is not zero, which is then cleared.
 pub(crate) fn adam(
     parameters: &mut [f32],
     [first, second]: [&mut [f32]; 2],
+    gradient: &mut [f32],
+    step: AdamStep,
+) {
+    let beta1 = BETA1 as f32;
+    for (((p, m), v), g) in parameters.iter_mut().zip(first).zip(second).zip(gradient) {
+        let (v_new, rate, touched) = step.scaled(*v, *g * *g);
+        if touched {
+            *v = v_new;
+            *m = beta1 * *m + (1.0 - beta1) * *g;
+            *p -= rate * step.corrections[0] * *m;
+        }
+        *g = 0.0;
+    }
+}
+
+/// Adam's step without the first moment (RMSProp; Tieleman and Hinton, 2012) of a table's rows of `width` numbers.
+///
+/// The numbers of a row (1, 2, 4 or 8) share their second moment, \\(v \leftarrow \beta_2 v + (1 - \beta_2)
+/// \lVert g \rVert^2 / F\\): the step is equivariant to rotations of a row's features. A first moment
+/// makes depth no better, and would be half of the bytes that a step moves.
+pub(crate) fn step_rows(
+    table: &mut [f32],
+    second: &mut [f32],
     gradient: &mut [f32],
     width: usize,
     step: AdamStep,
 ) {
     match width {
-        1 => adam_rows::<1>(parameters, first, second, gradient, step),
-        2 => adam_rows::<2>(parameters, first, second, gradient, step),
-        4 => adam_rows::<4>(parameters, first, second, gradient, step),
-        _ => adam_rows::<8>(parameters, first, second, gradient, step),
+        1 => rows::<1>(table, second, gradient, step),
+        2 => rows::<2>(table, second, gradient, step),
+        4 => rows::<4>(table, second, gradient, step),
+        _ => rows::<8>(table, second, gradient, step),
     }
 }
 
-fn adam_rows<const F: usize>(
-    parameters: &mut [f32],
-    first: &mut [f32],
-    second: &mut [f32],
-    gradient: &mut [f32],
-    step: AdamStep,
-) {
-    let [beta1, beta2, epsilon] = [BETA1, BETA2, EPSILON].map(|x| x as f32);
+fn rows<const F: usize>(table: &mut [f32], second: &mut [f32], gradient: &mut [f32], step: AdamStep) {
     f32::vectorized(
         #[inline(always)]
         || {
-            let rows = parameters.as_chunks_mut::<F>().0.iter_mut().zip(first.as_chunks_mut::<F>().0);
-            for (((p, m), v), g) in rows.zip(second).zip(gradient.as_chunks_mut::<F>().0) {
+            let rows = table.as_chunks_mut::<F>().0.iter_mut().zip(gradient.as_chunks_mut::<F>().0);
+            for ((p, g), v) in rows.zip(second) {
                 let square = g.iter().map(|g| g * g).sum::<f32>() / F as f32;
-                let touched = square > NEGLIGIBLE * NEGLIGIBLE;
-                let v_new = beta2 * *v + (1.0 - beta2) * square;
-                let rate = step.rate / ((v_new * step.correction2).sqrt() + epsilon);
+                let (v_new, rate, touched) = step.scaled(*v, square);
+                let rate = if touched { rate } else { 0.0 };
                 *v = if touched { v_new } else { *v };
-                for ((p, m), g) in p.iter_mut().zip(m).zip(g) {
-                    let m_new = beta1 * *m + (1.0 - beta1) * *g;
-                    *m = if touched { m_new } else { *m };
-                    *p -= if touched { rate * m_new } else { 0.0 };
+                for (p, g) in p.iter_mut().zip(g) {
+                    *p -= rate * *g;
                     *g = 0.0;
                 }
             }
@@ -137,14 +137,14 @@ impl Average {
 mod tests {
     use super::*;
 
-    /// The update written out as in the paper, in `f64`; rows of one parameter are the paper's.
+    /// The updates written out as in the papers, in `f64`; rows have one second moment, and parameters a first moment as well.
     #[test]
-    fn adam_follows_its_definition_and_leaves_untouched_rows_alone() {
+    fn steps_follow_their_definition_and_leave_untouched_rows_alone() {
         let config = TrainConfig { steps: 10, warm_up: 0, ..TrainConfig::default() };
         const N: usize = 16;
-        for width in [1, 2, 4, 8] {
-            let mut state = Moments::new(N / width, width);
+        for (width, beta1) in [(1, BETA1), (1, 0.0), (2, 0.0), (4, 0.0), (8, 0.0)] {
             let mut fast: [f32; N] = std::array::from_fn(|i| 1.0 + i as f32);
+            let (mut first, mut second) = ([0.0; N], vec![0.0; N / width]);
             let (mut exact, mut m, mut v) = (fast.map(f64::from), [0.0_f64; N], vec![0.0_f64; N / width]);
             for step in 0..5 {
                 let t = step as i32 + 1;
@@ -158,18 +158,22 @@ mod tests {
                     *v = BETA2 * *v + (1.0 - BETA2) * square;
                     let v_hat = *v / (1.0 - BETA2.powi(t));
                     for i in of_row {
-                        m[i] = BETA1 * m[i] + (1.0 - BETA1) * f64::from(g[i]);
-                        let m_hat = m[i] / (1.0 - BETA1.powi(t));
+                        m[i] = beta1 * m[i] + (1.0 - beta1) * f64::from(g[i]);
+                        let m_hat = m[i] / (1.0 - beta1.powi(t));
                         exact[i] -= rate * m_hat / (v_hat.sqrt() + EPSILON);
                     }
                 }
-                let Moments { first, second } = &mut state;
-                adam(&mut fast, [first, second], &mut g, width, AdamStep::new(&config, step));
+                let now = AdamStep::new(&config, step);
+                if beta1 > 0.0 {
+                    adam(&mut fast, [&mut first, &mut second], &mut g, now);
+                } else {
+                    step_rows(&mut fast, &mut second, &mut g, width, now);
+                }
                 assert!(g.iter().all(|&g| g == 0.0));
             }
             assert_eq!(fast[0], 1.0);
             for (f, e) in fast.iter().zip(exact) {
-                assert!((f64::from(*f) - e).abs() < 2e-6, "{width}: {f} {e}");
+                assert!((f64::from(*f) - e).abs() < 2e-6, "{width} {beta1}: {f} {e}");
             }
         }
     }

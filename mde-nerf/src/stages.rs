@@ -8,7 +8,7 @@ use crate::frustum::Frustum;
 use crate::loss::LossTerms;
 use crate::march::Marcher;
 use crate::network::{Network, Tape};
-use crate::optimiser::{AdamStep, Moments, adam};
+use crate::optimiser::{AdamStep, step_rows};
 use crate::render::render;
 use crate::train::{Trainer, tile_gradients, tile_rays};
 use crate::{Error, Result};
@@ -118,13 +118,13 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
             }
         });
         let mut values = grid.table.clone();
-        let Moments { mut first, mut second } = grid.moments();
+        let mut second = vec![0.0; layout.rows()];
         let step = AdamStep::new(&config.train, WARM_UP);
-        // Parameters, gradients and first moments, and one second moment a row, all read and written.
-        moved = 8 * (3 * first.len() + second.len()) as u64;
+        // Table, gradient, and one second moment a row, all read and written.
+        moved = 8 * (2 * values.len() + second.len()) as u64;
         visit(stage("optimiser", every, 0, moved), &mut || {
             gradient.fill(1e-3);
-            adam(&mut values, [&mut first, &mut second], &mut gradient, layout.features, step);
+            step_rows(&mut values, &mut second, &mut gradient, layout.features, step);
         });
     }
     let mut trained = network.clone();

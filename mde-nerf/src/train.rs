@@ -8,7 +8,7 @@ use crate::frustum::Frustum;
 use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{AdamStep, Average, Moments, adam};
+use crate::optimiser::{AdamStep, Average, adam, step_rows};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
@@ -83,8 +83,9 @@ pub(crate) struct Trainer<'a> {
     seed: u64,
     budget: Budget,
     groups: Vec<Group>,
-    /// Adam's, of the table and of the network.
-    moments: [Moments; 2],
+    /// Second moments of the table's rows, and both moments of the network's parameters.
+    of_rows: Vec<f32>,
+    moments: [Vec<f32>; 2],
     /// Zeroed scratch buffers for a level's gradient, one per thread at a time: few enough to stay in the cache.
     scratch: Mutex<Vec<Vec<f32>>>,
     /// Steps made.
@@ -101,10 +102,10 @@ impl<'a> Trainer<'a> {
     ) -> Self {
         let group = |_| Group { gradients: network.gradients(), ..Group::default() };
         let groups = (0..GROUPS).map(group).collect();
-        let table = network.grid().map(HashGrid::moments).unwrap_or_default();
-        let moments = [table, Moments::new(network.mlp.parameters.len(), 1)];
+        let of_rows = vec![0.0; network.grid().map_or(0, |grid| grid.layout.rows())];
+        let moments = [(); 2].map(|()| vec![0.0; network.mlp.parameters.len()]);
         let (budget, scratch) = (config.training_budget(), Mutex::default());
-        Self { network, frustum, pixels, config, seed, budget, groups, moments, scratch, step: 0 }
+        Self { network, frustum, pixels, config, seed, budget, groups, of_rows, moments, scratch, step: 0 }
     }
 
     /// Computes the gradients of the next step's batch in the groups; returns the batch's loss.
@@ -136,23 +137,20 @@ impl<'a> Trainer<'a> {
 
     /// Makes an optimiser step along the groups' gradients, summed in the groups' order, and clears them.
     pub(crate) fn update(&mut self) {
-        let Self { network, config, groups, moments: [of_table, of_mlp], scratch, .. } = self;
+        let Self { network, config, groups, of_rows, moments: [first, second], scratch, .. } = self;
         let step = AdamStep::new(&config.train, self.step);
         if let Encoding::Hash(HashGrid { layout, table }) = &mut network.encoding {
             let layout: &HashLayout = layout;
-            let Moments { first, second } = of_table;
-            let (first, second) = (layout.split(first, layout.features), layout.split(second, 1));
-            let tables = layout.split(table, layout.features);
-            let levels = tables.into_par_iter().zip(first).zip(second);
+            let levels = layout.split(table, layout.features).into_par_iter().zip(layout.split(of_rows, 1));
             let (groups, scratch): (&[Group], &Mutex<_>) = (groups, scratch);
-            levels.enumerate().for_each(|(level, ((table, first), second))| {
+            levels.enumerate().for_each(|(level, (table, second))| {
                 let mut buffer = lock(scratch).pop().unwrap_or_default();
                 buffer.resize(buffer.len().max(table.len()), 0.0);
                 let gradient = &mut buffer[..table.len()];
                 for Group { gradients: g, .. } in groups {
                     layout.scatter(level, &g.points, &g.features[level], gradient);
                 }
-                adam(table, [first, second], gradient, layout.features, step);
+                step_rows(table, second, gradient, layout.features, step);
                 lock(scratch).push(buffer);
             });
         }
@@ -163,8 +161,7 @@ impl<'a> Trainer<'a> {
                 *g = 0.0;
             }
         }
-        let Moments { first, second } = of_mlp;
-        adam(&mut network.mlp.parameters, [first, second], &mut sum, 1, step);
+        adam(&mut network.mlp.parameters, [first, second], &mut sum, step);
         // Zeroed by the step.
         groups[0].gradients.mlp = sum;
         network.mlp.refresh();

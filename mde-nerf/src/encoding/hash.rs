@@ -1,5 +1,4 @@
 use crate::config::HashFieldConfig;
-use crate::optimiser::Moments;
 use crate::points::{BLOCK, Points};
 use crate::scalar::Scalar;
 use mde_uncertainty::random::CounterRng;
@@ -77,9 +76,14 @@ impl HashLayout {
         self.levels.len()
     }
 
+    /// Rows of the table.
+    pub(crate) fn rows(&self) -> usize {
+        self.levels.iter().map(|l| l.rows).sum()
+    }
+
     /// Numbers in the table.
     pub(crate) fn table_len(&self) -> usize {
-        self.levels.iter().map(|l| l.rows * self.features).sum()
+        self.rows() * self.features
     }
 
     /// Numbers of the largest level.
@@ -124,11 +128,6 @@ impl<T: Scalar> HashGrid<T> {
         let table =
             (0..layout.table_len()).map(|_| T::from_f64(2e-4 * (rng.random::<f64>() - 0.5))).collect();
         Self { layout, table }
-    }
-
-    /// Moments for all rows.
-    pub(crate) fn moments(&self) -> Moments {
-        Moments::new(self.layout.levels.iter().map(|l| l.rows).sum(), self.layout.features)
     }
 
     /// Features of `points`, one row of `stride` each, level by level; other columns are not written.
