@@ -69,19 +69,11 @@ def field(name):
     if name == "mlp-4x128":
         parameters = {"density": dense(key, [63, 128, 128, 128, 128, 4])}
         return parameters, lambda p, x: network(p["density"], frequency_encode(x))
-    levels, features, log2_rows = {"hash-12x2": (12, 2, 17), "hash-8x4": (8, 4, 16)}[name]
+    levels, features, log2_rows = 8, 4, 16
     cells = levels_of(levels)
     table = jax.random.uniform(key, (levels, 1 << log2_rows, features), jnp.float32, -1e-4, 1e-4)
-    if name == "hash-8x4":
-        parameters = {"table": table, "density": dense(key, [32, 32, 32, 4])}
-        return parameters, lambda p, x: network(p["density"], hash_encode(p["table"], x, cells, log2_rows))
-    parameters = {"table": table, "density": dense(key, [24, 64, 16]), "colour": dense(key, [16, 64, 3])}
-
-    def shade(p, x):
-        raw = network(p["density"], hash_encode(p["table"], x, cells, log2_rows))
-        return jnp.concatenate([raw[:, :1], network(p["colour"], raw)], axis=1)
-
-    return parameters, shade
+    parameters = {"table": table, "density": dense(key, [32, 32, 32, 4])}
+    return parameters, lambda p, x: network(p["density"], hash_encode(p["table"], x, cells, log2_rows))
 
 
 def loss_of(shade):
@@ -119,7 +111,7 @@ def main():
     extent = np.full((RAYS, SAMPLES), 1 / SAMPLES, np.float32)
     target = rng.random((RAYS, 3), np.float32)
     rates = {}
-    for name in ["hash-12x2", "hash-8x4", "mlp-4x128"]:
+    for name in ["hash-8x4", "mlp-4x128"]:
         parameters, shade = field(name)
         step = step_of(loss_of(shade))
         state = (parameters, *[jax.tree.map(jnp.zeros_like, parameters) for _ in range(2)])
