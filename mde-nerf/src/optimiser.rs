@@ -66,9 +66,8 @@ pub(crate) fn adam(
 
 /// Adam's step without the first moment (RMSProp; Tieleman and Hinton, 2012) of a table's rows of `width` numbers.
 ///
-/// The numbers of a row (1, 2, 4 or 8) share their second moment, \\(v \leftarrow \beta_2 v + (1 - \beta_2)
-/// \lVert g \rVert^2 / F\\): the step is equivariant to rotations of a row's features. A first moment
-/// makes depth no better, and would be half of the bytes that a step moves.
+/// The numbers of a row (1, 2, 4 or 8) share their second moment, \\(v \leftarrow \beta_2 v + (1 - \beta_2) \lVert g \rVert^2 / F\\): the
+/// step is equivariant to rotations of a row's features. A first moment makes depth no better, and would be nearly half of the bytes moved.
 pub(crate) fn step_rows(
     table: &mut [f32],
     second: &mut [f32],

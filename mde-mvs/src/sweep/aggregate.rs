@@ -70,7 +70,7 @@ fn step(
 /// `luma` has the pixels row after row.
 pub(crate) fn aggregate(volume: &Volume, luma: &[f32], width: usize, penalties: &Penalties) -> Vec<u16> {
     let k = volume.surfaces;
-    // The costs that would be counted twice are taken off first, modulo 2^16.
+    // What is counted twice is taken off first, modulo 2^16: zeroed pages, read before they are written, would each be copied.
     let twice = |&cost: &u8| (7 * u16::from(cost)).wrapping_neg();
     let mut sums: Vec<u16> = volume.costs.par_iter().with_min_len(width * k).map(twice).collect();
     let arch = Arch::new();

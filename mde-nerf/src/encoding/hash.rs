@@ -256,9 +256,9 @@ mod tests {
         HashLayout::new(&config)
     }
 
-    fn padded(point: [f64; 3]) -> Points<f64> {
+    fn padded<T: Scalar>(point: [f64; 3]) -> Points<T> {
         let mut list = Points::default();
-        list.push(point);
+        list.push(point.map(T::from_f64));
         list.pad();
         list
     }
@@ -271,8 +271,9 @@ mod tests {
         #[test]
         fn corner_weights_add_up_to_one_and_rows_exist(point in cube()) {
             for level in &layout().levels {
-                let points = padded(point);
-                let cells = level.cells(points.blocks().next().unwrap());
+                let single = level.cells(padded::<f32>(point).blocks().next().unwrap());
+                prop_assert!((0.0..=1.0).contains(&single.depth[0]) && (single.rows[0][0] as usize) < level.rows - 1);
+                let cells = level.cells(padded::<f64>(point).blocks().next().unwrap());
                 prop_assert!((cells.weights.iter().map(|w| w[0]).sum::<f64>() - 1.0).abs() < 1e-12);
                 prop_assert!((0.0..=1.0).contains(&cells.depth[0]));
                 prop_assert!(cells.rows.iter().all(|r| (r[0] as usize) + 1 < level.rows));
@@ -291,7 +292,7 @@ mod tests {
                 .collect();
             let grid = HashGrid { layout, table };
             let mut features = vec![0.0; BLOCK];
-            grid.forward(&padded(point), &mut features, 1);
+            grid.forward(&padded::<f64>(point), &mut features, 1);
             prop_assert!((features[0] - linear(point)).abs() < 1e-12);
         }
     }
