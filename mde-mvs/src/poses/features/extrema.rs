@@ -2,7 +2,7 @@
 
 use super::scale_space::{FIRST_SIGMA, LAYERS, Octave, ScaleSpace};
 use nalgebra::{Matrix3, Vector3};
-use ndarray::{Array2, ArrayView1};
+use ndarray::Array2;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -37,7 +37,7 @@ pub(super) struct Extremum {
 pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
     let mut all = Vec::new();
     for (index, octave) in space.octaves.iter().enumerate() {
-        let (height, width) = octave.differences[0].dim();
+        let (height, width) = octave.gaussians[0].dim();
         if width <= 2 * RIM || height <= 2 * RIM {
             break;
         }
@@ -60,17 +60,17 @@ pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
 /// Columns of a row that are above or below all of their 26 neighbours.
 fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
     let threshold = (0.5 * CONTRAST / LAYERS as f64) as f32;
-    let middle = octave.differences[layer].row(y);
-    let neighbours: [ArrayView1<f32>; 9] =
-        std::array::from_fn(|i| octave.differences[layer + i / 3 - 1].row(y + i % 3 - 1));
-    (RIM..middle.len() - RIM)
+    let [under, over] = [layer, layer + 1].map(|layer| octave.gaussians[layer].row(y));
+    (RIM..under.len() - RIM)
         .filter(|&x| {
-            let value = middle[x];
+            let value = over[x] - under[x];
             if value.abs() <= threshold {
                 return false;
             }
             let all = |test: fn(f32, f32) -> bool| {
-                neighbours.iter().all(|row| (x - 1..=x + 1).all(|x| test(value, row[x])))
+                let of =
+                    |layer| move |y| (x - 1..=x + 1).all(|x| test(value, octave.difference(layer, (y, x))));
+                (layer - 1..=layer + 1).all(|layer| (y - 1..=y + 1).all(of(layer)))
             };
             if value > 0.0 { all(|a, b| a >= b) } else { all(|a, b| a <= b) }
         })
@@ -79,11 +79,11 @@ fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
 
 /// The extremum of the quadratic through the neighbours; nothing where it is too weak or an edge.
 fn refine(octave: &Octave, index: usize, mut layer: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
-    let (height, width) = octave.differences[0].dim();
+    let (height, width) = octave.gaussians[0].dim();
     for step in 0.. {
-        let [below, here, above] = [layer - 1, layer, layer + 1].map(|layer| &octave.differences[layer]);
-        let d = |plane: &Array2<f32>, dx: isize, dy: isize| {
-            f64::from(plane[(y.wrapping_add_signed(dy), x.wrapping_add_signed(dx))])
+        let [below, here, above] = [layer - 1, layer, layer + 1];
+        let d = |layer: usize, dx: isize, dy: isize| {
+            f64::from(octave.difference(layer, (y.wrapping_add_signed(dy), x.wrapping_add_signed(dx))))
         };
         let value = d(here, 0, 0);
         let [x1, y1] = [d(here, 1, 0) - d(here, -1, 0), d(here, 0, 1) - d(here, 0, -1)];

@@ -19,12 +19,16 @@ const SMALLEST: usize = 12;
 /// Rows per task of the blur.
 const ROWS: usize = 16;
 
-/// One octave: its Gaussians, and the differences of neighbouring ones.
+/// One octave: [`LAYERS`] + 3 Gaussians.
 pub(super) struct Octave {
-    /// [`LAYERS`] + 3 of them.
     pub(super) gaussians: Vec<Array2<f32>>,
-    /// [`LAYERS`] + 2 of them.
-    pub(super) differences: Vec<Array2<f32>>,
+}
+
+impl Octave {
+    /// The difference of two neighbouring Gaussians at a pixel; there are [`LAYERS`] + 2.
+    pub(super) fn difference(&self, layer: usize, at: (usize, usize)) -> f32 {
+        self.gaussians[layer + 1][at] - self.gaussians[layer][at]
+    }
 }
 
 /// All octaves, with the map from their pixels to the photograph's.
@@ -64,9 +68,8 @@ impl ScaleSpace {
                 let before = FIRST_SIGMA * ratio.powi(layer as i32 - 1);
                 gaussians.push(blurred(&gaussians[layer - 1], before * (ratio * ratio - 1.0).sqrt()));
             }
-            let differences = gaussians.par_windows(2).map(|pair| &pair[1] - &pair[0]).collect();
             first = gaussians[LAYERS].slice(s![..;2, ..;2]).to_owned();
-            octaves.push(Octave { gaussians, differences });
+            octaves.push(Octave { gaussians });
         }
         Self { octaves, step, origin }
     }
