@@ -362,13 +362,26 @@ impl<'a> Reference<'a> {
         Plane { w, slope: slope.map(|s| w * s) }
     }
 
-    /// The pixel's inverse depth on the planes of its neighbours, with the likeness of their colours.
-    fn neighbours(&self, matches: &[Match], at: usize) -> [[f32; 2]; 8] {
+    /// A pixel's place among those of its colour.
+    fn slot(&self, at: usize) -> usize {
+        at / self.width * self.width.div_ceil(2) + at % self.width / 2
+    }
+
+    /// The pixel at a place among those of a colour, if its depth is known.
+    fn known(&self, colour: usize, slot: usize) -> Option<usize> {
+        let half = self.width.div_ceil(2);
+        let (x, y) = (slot % half * 2 + (slot / half + colour) % 2, slot / half);
+        let at = y * self.width + x;
+        (x < self.width && self.before[at] > 0.0).then_some(at)
+    }
+
+    /// The pixel's inverse depth on the planes of its neighbours, which have the other colour, with the likeness of their colours.
+    fn neighbours(&self, others: &[Match], at: usize) -> [[f32; 2]; 8] {
         SMOOTH.map(|offset| {
-            let known = self.beside(at, offset).filter(|&i| matches[i].plane.w > 0.0);
-            let Some(beside) = known else { return [0.0; 2] };
+            let beside = self.beside(at, offset).map(|beside| (beside, others[self.slot(beside)].plane));
+            let Some((beside, plane)) = beside.filter(|(_, plane)| plane.w > 0.0) else { return [0.0; 2] };
             let like = alike(self.colours[at], self.colours[beside], COLOUR) + 1e-3;
-            [matches[beside].plane.moved(offset.map(|d| -d)).w, like]
+            [plane.moved(offset.map(|d| -d)).w, like]
         })
     }
 
@@ -381,12 +394,11 @@ impl<'a> Reference<'a> {
     }
 
     /// The best of a pixel's plane, those of its neighbours, and changes of the best.
-    fn improved(&self, matches: &[Match], at: usize, iteration: u64) -> Match {
-        let mut best = matches[at];
+    fn improved(&self, mut best: Match, others: &[Match], at: usize, iteration: u64) -> Match {
         if best.with == 0 {
             return best;
         }
-        let (patch, neighbours) = (self.patch(at), self.neighbours(matches, at));
+        let (patch, neighbours) = (self.patch(at), self.neighbours(others, at));
         let mut least = best.cost + self.apart(best.plane, at, &neighbours);
         let mut attempt = |plane: Plane, best: &mut Match| {
             if !(plane.w > 0.0 && (plane.w / self.before[at] - 1.0).abs() < RANGE) {
@@ -403,7 +415,7 @@ impl<'a> Reference<'a> {
         let offsets = if iteration.is_multiple_of(2) { &BESIDE } else { &FAR };
         for &offset in offsets {
             let Some(beside) = self.beside(at, offset) else { continue };
-            let plane = matches[beside].plane.moved(offset.map(|d| -d));
+            let plane = others[self.slot(beside)].plane.moved(offset.map(|d| -d));
             if (plane.w / best.plane.w - 1.0).abs() >= SAME {
                 attempt(plane, &mut best);
             }
@@ -422,7 +434,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Neighbours whose planes are tried, in turns, and those whose planes a pixel's should continue, `[dx, dy]`.
+/// Neighbours whose planes are tried, in turns, and those whose planes a pixel's should continue, `[dx, dy]`: all of the other colour.
 const BESIDE: [[isize; 2]; 4] = [[-1, 0], [1, 0], [0, -1], [0, 1]];
 const FAR: [[isize; 2]; 4] = [[-5, 0], [5, 0], [0, -5], [0, 5]];
 const SMOOTH: [[isize; 2]; 8] = [[-1, 0], [1, 0], [0, -1], [0, 1], [-3, 0], [3, 0], [0, -3], [0, 3]];
@@ -445,33 +457,32 @@ pub fn refine_by_patches(views: &[PosedView], depths: &[ArrayView2<'_, f32>]) ->
         check_map("depth", depth.dim(), &view.camera)?;
     }
     let reference = Reference::new(views, depths);
-    let pixels = reference.height * reference.width;
-    let known = |&at: &usize| reference.before[at] > 0.0;
-    let fitted = |at: usize| match known(&at) {
-        true => reference.first(at),
-        false => Match::default(),
-    };
-    let first: Vec<Match> = (0..pixels).into_par_iter().map(fitted).collect();
+    let slots = reference.height * reference.width.div_ceil(2);
+    let first = [0, 1].map(|colour| -> Vec<Match> {
+        let fitted = |slot| reference.known(colour, slot).map_or(Match::default(), |at| reference.first(at));
+        (0..slots).into_par_iter().map(fitted).collect()
+    });
     let mut matches = first.clone();
     for iteration in 0..ITERATIONS {
-        for colour in 0..2 {
-            let of_colour = |at: &usize| (at / reference.width + at % reference.width) % 2 == colour;
-            let tried = (0..pixels).into_par_iter().filter(|at| of_colour(at) && known(at));
-            let better = tried.map(|at| (at, reference.improved(&matches, at, iteration)));
-            let better: Vec<(usize, Match)> = better.collect();
-            better.into_iter().for_each(|(at, better)| matches[at] = better);
+        for colour in [0, 1] {
+            let mut own = std::mem::take(&mut matches[colour]);
+            own.par_iter_mut().enumerate().for_each(|(slot, found)| {
+                if let Some(at) = reference.known(colour, slot) {
+                    *found = reference.improved(*found, &matches[1 - colour], at, iteration);
+                }
+            });
+            matches[colour] = own;
         }
     }
     let moved = |(y, x): (usize, usize)| {
-        let at = y * reference.width + x;
-        let z = depths[0][(y, x)];
-        if !known(&at) {
+        let (at, colour, z) = (y * reference.width + x, (x + y) % 2, depths[0][(y, x)]);
+        if reference.before[at] <= 0.0 {
             return z;
         }
         // The neighbours have moved since.
-        let neighbours = reference.neighbours(&matches, at);
+        let neighbours = reference.neighbours(&matches[1 - colour], at);
         let total = |found: &Match| found.cost + reference.apart(found.plane, at, &neighbours);
-        let (old, new) = (&first[at], &matches[at]);
+        let [old, new] = [&first, &matches].map(|matches| &matches[colour][reference.slot(at)]);
         if total(new) <= total(old) && new.back <= old.back + RETURN_SLACK { new.plane.w.recip() } else { z }
     };
     Ok(Array2::from_shape_fn(depths[0].dim(), moved))

@@ -10,7 +10,8 @@ mod sweeps;
 
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use ndarray::{Array2, ArrayView2};
+use ndarray::{ArcArray2, Array2, ArrayView2};
+use std::sync::Arc;
 
 pub use agreement::{Agreement, agreement};
 use chance::TRUSTED;
@@ -27,16 +28,16 @@ pub struct ViewDepth {
     /// The gauged prior: in the unit of the poses, with its variance.
     pub prior: GaussianDepth,
     /// Its own sweep.
-    pub sweep: Sweep,
+    pub sweep: Arc<Sweep>,
     /// The consensus, the sweep fused with the prior: depth and variance in the unit of the poses.
     pub fused: GaussianDepth,
     /// Counts over its sources.
-    pub agreement: Agreement,
+    pub agreement: Arc<Agreement>,
     /// Share of the pixels on which at least one source agrees.
     pub verified: f32,
     /// Share of the variance of `fused`, but for the inflation, that is photometric ambiguity: the variance of the softmin of the sweep's
     /// costs, by the weight of the match. The rest is the prior's, and the doubt whether the match is right.
-    pub ambiguity: Array2<f32>,
+    pub ambiguity: ArcArray2<f32>,
 }
 
 /// Result of [`reconstruct`] and [`Sweeps::reconstruct`].

@@ -3,9 +3,10 @@
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
-use ndarray::{Array2, Zip};
+use ndarray::{ArcArray2, Array2, Zip};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use super::agreement::shown;
 use super::chance::{TRUSTED, better, chances};
@@ -70,7 +71,7 @@ struct Fine {
     gauge: Gauge,
     /// The gauged and corrected prior.
     centre: Array2<f32>,
-    sweep: Sweep,
+    sweep: Arc<Sweep>,
 }
 
 /// The consensus of a photograph with its sources.
@@ -79,8 +80,8 @@ pub(super) struct Map {
     pub(super) depth: GaussianDepth,
     /// Where the sweep is probably right and a source agrees.
     pub(super) sure: Array2<bool>,
-    ambiguity: Array2<f32>,
-    pub(super) agreement: Agreement,
+    ambiguity: ArcArray2<f32>,
+    pub(super) agreement: Arc<Agreement>,
     /// Share of the pixels on which at least one source agrees.
     verified: f32,
 }
@@ -88,9 +89,9 @@ pub(super) struct Map {
 /// Bytes that [`Sweeps`] of that many views, of which a result has `members`, takes beside its inputs, one result included: the working
 /// memory of one sweep, the maps that are kept, and those of a result.
 pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
-    // Of each photograph that is kept two means with variances, four maps of numbers and three of bytes; in the result three more, three and four.
+    // Of each photograph that is kept two means with variances, four maps of numbers and three of bytes; in the result two more means.
     let kept = views.min((KEPT as u64).max(2 * members)).saturating_mul(2 * 8 + 4 * 4 + 3);
-    let of_result = members.saturating_mul(3 * 8 + 3 * 4 + 4);
+    let of_result = members.saturating_mul(2 * 8);
     let working = working_bytes(pixels, members.saturating_sub(1));
     // All small photographs with their priors; three sweeps of those that are kept and of their sources.
     let swept = views.min(3 * KEPT as u64).saturating_mul(3 * 16);
@@ -255,6 +256,7 @@ impl Sweeps {
             Zip::from(&inlier).and(&agreement.agree).map_collect(|&p, &agree| p > TRUSTED && agree > 0);
         let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
         let verified = confirmed as f32 / agreement.agree.len() as f32;
+        let (ambiguity, agreement) = (ambiguity.into_shared(), Arc::new(agreement));
         Ok(Map { depth, sure, ambiguity, agreement, verified })
     }
 
@@ -322,7 +324,7 @@ impl Sweeps {
         let prior = gauge.apply(prior.view())?;
         let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
         let around = Surfaces::Around { depth: centre.view(), factor: NARROW };
-        let sweep = sweep(views, view, &self.sources[view], around)?;
+        let sweep = Arc::new(sweep(views, view, &self.sources[view], around)?);
         Ok(Fine { gauge, centre, sweep })
     }
 }
