@@ -43,7 +43,7 @@ impl Job<'_> {
         folder: &OutputFolder,
         progress: &mut Progress,
     ) -> Result<Option<String>> {
-        let mut prepared = self.refiner.prepare(scene, plan, progress)?;
+        let mut prepared = self.refiner.prepare(scene, plan, progress)?.once();
         let (refined, scores) =
             self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
         let table = scores.as_ref().map(|scores| scores.table().text() + "\n").unwrap_or_default();

@@ -297,6 +297,12 @@ pub struct Prepared<'s> {
 }
 
 impl<'s> Prepared<'s> {
+    /// For one result, as [`PreparedScene::once`].
+    #[must_use]
+    pub fn once(self) -> Self {
+        Self { several: self.several.map(PreparedScene::once), ..self }
+    }
+
     /// Refines a photograph: the reference of one, any of several. `field` makes the field in the place of [`Config::nerf`]'s.
     ///
     /// # Errors

@@ -41,5 +41,5 @@ pub fn refine_several(
     config: &Config,
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
-    PreparedScene::new(scene, &stages, config, callback)?.refine(scene.reference, stages, callback)
+    PreparedScene::new(scene, &stages, config, callback)?.once().refine(scene.reference, stages, callback)
 }

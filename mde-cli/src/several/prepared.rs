@@ -23,7 +23,7 @@ use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views, sharpness};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
-use ndarray::{ArcArray2, Array2, Array3, ArrayView2, Zip};
+use ndarray::{ArcArray2, Array2, Array3, Zip};
 use rayon::prelude::*;
 
 /// A capture after the stages that its photographs share: predictions of the prior, poses, and plane sweeps, each computed when a
@@ -44,6 +44,7 @@ pub struct PreparedScene<'s> {
     /// Of the capture's points.
     scale: Option<Scale>,
     report: CaptureReport,
+    once: bool,
 }
 
 /// Photographs by their places among the posed views.
@@ -96,7 +97,13 @@ impl<'s> PreparedScene<'s> {
             scale = scale_of_points(scene, posed, &priors)?;
         }
         report.seconds.poses = start.elapsed().as_secs_f64();
-        Ok(Self { scene, config, priors, posed, plan, sweeps: None, scale, report })
+        Ok(Self { scene, config, priors, posed, plan, sweeps: None, scale, report, once: false })
+    }
+
+    /// For one result: what only further ones would need is dropped on the way.
+    #[must_use]
+    pub fn once(self) -> Self {
+        Self { once: true, ..self }
     }
 
     /// The photographs.
@@ -163,13 +170,16 @@ impl<'s> PreparedScene<'s> {
         let start = begin(callback, Stage::Sweep, 0, iterations)?;
         let members = self.plan[place].own.clone();
         let swept = &mut |done, total| callback(&Event::Part { stage: Stage::Sweep, done, total });
-        let (reconstruction, depths) = self.reconstruct(&members, swept)?;
+        let (reconstruction, priors) = self.reconstruct(&members, swept)?;
+        if self.once {
+            self.sweeps = None;
+        }
         let Some(posed) = &self.posed else { return Err(Error::EmptyPrior) };
         let order: Vec<usize> = members.iter().map(|&view| posed.order[view]).collect();
         report.take(&reconstruction, &order);
         let unit = posed.unit;
-        let own = &reconstruction.views[0];
-        report.scale = Some(result::scale(&reconstruction, unit));
+        let scale = result::scale(&reconstruction, unit);
+        report.scale = Some(scale);
         let plan = &self.plan[place];
         let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let from = posed.covariances[place].as_ref();
@@ -188,10 +198,13 @@ impl<'s> PreparedScene<'s> {
             let others = candidate.iter_mut().map(|candidate| &mut candidate.view);
             views.iter_mut().chain(others).for_each(|view| view.pose *= frame);
         }
-        let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
         let unused = candidate.as_ref().filter(|candidate| candidate.withheld);
         report.withheld_colours =
-            withheld::withheld(&views, &depths, &order, &reconstruction, unused, self.scene)?;
+            withheld::withheld(&views, priors, &order, &reconstruction, unused, self.scene)?;
+        // Of the others the consensus alone is needed from here on.
+        let Reconstruction { views: mut known, inflation, .. } = reconstruction;
+        let others: Vec<GaussianDepth> = known.drain(1..).map(|known| known.fused).collect();
+        let own = &known[0];
         if let Some(reason) = result::unusable(own).or_else(|| withheld::contradiction(&report)) {
             report.fallback = Some(reason);
             // What the refused sweeps found is no scale.
@@ -200,18 +213,18 @@ impl<'s> PreparedScene<'s> {
             return self.alone(photograph, stages, report, callback);
         }
         equalise(&mut views, own, &order, &mut report)?;
-        for (view, known) in views.iter_mut().zip(&reconstruction.views) {
-            view.hypotheses = vec![known.fused.clone()];
-        }
         report.seconds.sweep = start.elapsed().as_secs_f64();
 
         let (mut rendered, mut field) = (None, None);
         if config.refinement.iterations > 0 {
             let start = begin(callback, Stage::Fit, 0, iterations)?;
             let mut fitted = stages.field(config, 0)?;
+            let fused = std::iter::once(&own.fused).chain(&others);
+            views.iter_mut().zip(fused).for_each(|(view, fused)| view.hypotheses.push(fused.clone()));
             report.fit = Some(fitted.fit(&views, &mut |event: &mde_nerf::FieldEvent| {
                 callback(&Event::Field { event: *event, view: 0, views: 0 })
             })?);
+            views.iter_mut().for_each(|view| view.hypotheses.clear());
             report.seconds.fit = start.elapsed().as_secs_f64();
 
             let start = begin(callback, Stage::Render, 0, iterations)?;
@@ -237,8 +250,7 @@ impl<'s> PreparedScene<'s> {
             field = Some(fitted);
         }
         begin(callback, Stage::Fuse, 0, iterations)?;
-        let factor = result::scale(&reconstruction, unit)[0];
-        let inflation = reconstruction.inflation;
+        let factor = scale[0];
         let of_field = rendered.as_ref().map(|rendered| (&rendered.depth, rendered.in_bin.as_ref()));
         let (mut depth, parts) = combine(own, inflation, &views, &covariances, of_field, factor)?;
         let of_part = |(name, sigma)| Component { name, sigma };
@@ -255,10 +267,10 @@ impl<'s> PreparedScene<'s> {
             report.fusion = Some(fused.report);
             depth = fused.depth;
         } else {
-            depth = result::refined(&depth, &mut components, &views, &reconstruction.views[1..], factor)?;
+            depth = result::refined(&depth, &mut components, &views, &others, factor)?;
         }
         report.place(&views, &order, factor);
-        let fused: Vec<&GaussianDepth> = reconstruction.views.iter().map(|known| &known.fused).collect();
+        let fused: Vec<&GaussianDepth> = std::iter::once(&own.fused).chain(&others).collect();
         let evidence =
             Evidence::new(&views, &fused, rendered.as_ref().map(|rendered| &rendered.depth), &depth, factor)?;
         if report.fusion.is_none() {

@@ -48,14 +48,13 @@ pub(super) fn refined(
     depth: &GaussianDepth,
     components: &mut [Component],
     views: &[PosedView],
-    others: &[ViewDepth],
+    others: &[GaussianDepth],
     factor: f64,
 ) -> Result<GaussianDepth> {
     let factor = factor as f32;
     let (mean, variance) = with_planes(&views[0], depth)?.into_parts();
     let own = mean.mapv(|z| z * factor);
-    let maps: Vec<_> =
-        std::iter::once(own.view()).chain(others.iter().map(|other| other.fused.mean())).collect();
+    let maps: Vec<_> = std::iter::once(own.view()).chain(others.iter().map(|other| other.mean())).collect();
     let refined = refine_by_patches(views, &maps)?;
     let ratio = Zip::from(&refined).and(&own).map_collect(|z, was| if *was > 0.0 { z / was } else { 1.0 });
     let refined = GaussianDepth::new(mean * &ratio, variance * &ratio * &ratio)?;

@@ -7,13 +7,13 @@ use crate::several::novel::Candidate;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::withheld::{typical, unused_error, withheld_error};
 use mde_warp::PosedView;
-use ndarray::ArrayView2;
+use ndarray::Array2;
 
 /// The error of a photograph that is left over, through the depth of those that were used; without one, of one of those through the depth of
 /// the others, at low resolution. Nothing with fewer than three photographs.
 pub(super) fn withheld(
     views: &[PosedView],
-    priors: &[ArrayView2<'_, f32>],
+    priors: Vec<Array2<f32>>,
     order: &[usize],
     known: &Reconstruction,
     unused: Option<&Candidate>,
@@ -22,6 +22,7 @@ pub(super) fn withheld(
     let (Some((reference, others)), Some(own)) = (views.split_first(), known.views.first()) else {
         return Ok(None);
     };
+    let priors: Vec<_> = priors.iter().map(|prior| prior.view()).collect();
     let (index, error) = if let Some(unused) = unused {
         (unused.index, unused_error(reference, &unused.view, own, priors[0], known.scale)?)
     } else {
@@ -29,7 +30,7 @@ pub(super) fn withheld(
         let distances: Vec<f64> =
             others.iter().map(|view| (centre(view) - centre(reference)).norm()).collect();
         let Some(index) = typical(&distances).map(|index| index + 1) else { return Ok(None) };
-        (order[index], withheld_error(views, priors, index, known.scale)?)
+        (order[index], withheld_error(views, &priors, index, known.scale)?)
     };
     Ok(error.map(|error| WithheldPhotograph { name: scene.photographs[index].name.clone(), error }))
 }

@@ -85,7 +85,7 @@ fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_
     if every {
         return run_every(refiner, &scene, &mut prepared, &input, watch, start);
     }
-    let refined = prepared.refine(scene.reference, None, &mut watch)?;
+    let refined = prepared.once().refine(scene.reference, None, &mut watch)?;
     let outcome = Outcome::new(refiner, refined, input, &watch, start)?;
     Ok((vec![(outcome, None)], None))
 }

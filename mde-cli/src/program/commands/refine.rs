@@ -10,10 +10,10 @@ use crate::scene::KnownDepths;
 use anyhow::{Result, ensure};
 
 pub(super) fn refine(args: &RefineArgs) -> Result<()> {
-    let mut progress = Progress::start(&args.common.run)?;
     if photographs::are_many(&args.photographs()) || args.shard.is_some() {
-        return many::run(args, &mut progress);
+        return many::run(args, &mut Progress::start_several(&args.common.run)?);
     }
+    let mut progress = Progress::start(&args.common.run)?;
     ensure!(
         !args.same_scale,
         "--same-scale: one photograph has no scale in common with another; give several, or a folder, or leave it out"

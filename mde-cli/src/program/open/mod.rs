@@ -92,13 +92,14 @@ pub(crate) fn given_camera(args: &CameraArgs) -> GivenCamera {
 /// Rayon's number for a thread per processor.
 const PER_PROCESSOR: usize = 0;
 
-/// Uses that number of threads, else one per processor; this one alone where the system has none left.
-pub(crate) fn start_threads(wanted: Option<usize>) -> Result<()> {
+/// Uses that number of threads, else one per processor; this one alone where the system has none left. This thread is one of them, with
+/// what it keeps of the memory that it has freed, unless it will wait for threads that need them.
+pub(crate) fn start_threads(wanted: Option<usize>, waits: bool) -> Result<()> {
     // Tried before: a pool that fails cannot be made again.
-    let builder = match std::thread::Builder::new().spawn(|| ()) {
-        Ok(_) => rayon::ThreadPoolBuilder::new().num_threads(wanted.unwrap_or(PER_PROCESSOR)),
-        Err(_) => rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread(),
-    };
+    let is_alone = std::thread::Builder::new().spawn(|| ()).is_err();
+    let builder = rayon::ThreadPoolBuilder::new();
+    let builder = builder.num_threads(if is_alone { 1 } else { wanted.unwrap_or(PER_PROCESSOR) });
+    let builder = if waits && !is_alone { builder } else { builder.use_current_thread() };
     builder
         .build_global()
         .context("the threads can't be started; close other programs, or give fewer to --threads")

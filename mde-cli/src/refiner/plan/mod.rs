@@ -31,7 +31,7 @@ pub(crate) const MOST_GATHERED: f64 = 6e7;
 /// Bytes of the voxels and triangles of one surface, at any size.
 const SURFACE: f64 = 170.0 * MIB;
 /// Bytes per pixel of a photograph whose features are searched for: scale spaces at twice its size.
-const FEATURES: f64 = 230.0;
+const FEATURES: f64 = 150.0;
 /// Bytes per pixel of an evaluated scene: image, truth, prior.
 const SCENE: f64 = 60.0;
 /// Bytes per pixel of the temporary buffers of the scores or of a baseline.
