@@ -19,8 +19,7 @@ impl Prior {
     /// # Errors
     /// [`Error::Depth`] for a depth that is negative or not finite.
     pub fn new(mean: Array2<f32>) -> Result<Self> {
-        let valid = |d: f32| d.is_finite() && d >= 0.0;
-        check(&mean, |_, d| valid(d))?;
+        check(&mean, |_, d| d.is_finite() && d >= 0.0)?;
         Ok(Self { mean, variance: None })
     }
 

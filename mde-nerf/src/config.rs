@@ -263,13 +263,10 @@ impl NerfConfig {
             ("render.coarse", n(render.coarse), 2.0..=1024.0, samples),
             ("render.fine", n(render.fine), 0.0..=1024.0, "give at most 1024 samples"),
         ]);
-        if let Some(near) = sampling.near {
-            ranges.push(("sampling.near", near, POSITIVE, "give a positive depth"));
-        }
-        if let Some(far) = sampling.far {
-            let beyond = sampling.near.unwrap_or(0.0).next_up()..=f64::MAX;
-            ranges.push(("sampling.far", far, beyond, "give a depth beyond sampling.near"));
-        }
+        ranges.extend(sampling.near.map(|near| ("sampling.near", near, POSITIVE, "give a positive depth")));
+        let beyond = sampling.near.unwrap_or(0.0).next_up()..=f64::MAX;
+        let remedy = "give a depth beyond sampling.near";
+        ranges.extend(sampling.far.map(|far| ("sampling.far", far, beyond, remedy)));
         for (field, value, range, remedy) in ranges {
             OutOfRange::check(range.contains(&value), field, &value, remedy)?;
         }

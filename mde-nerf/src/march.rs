@@ -4,7 +4,7 @@ use crate::frustum::{CubeRay, Frustum, Interval, Ray};
 use crate::network::{Gradients, Network, Tape};
 use crate::points::Points;
 use crate::sampling::{blurred, edges, importance, merge, stratified};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, vectorized};
 use crate::volume::{Bins, Rendered, Shade};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::termination::InBinVariance;
@@ -84,39 +84,30 @@ impl<T: Scalar> Marcher<T> {
         self.rendered.resize_with(count, Rendered::default);
         self.passes.iter_mut().for_each(|pass| pass.points.clear());
 
-        T::vectorized(
-            #[inline(always)]
-            || {
-                for (index, march) in rays.iter_mut().enumerate() {
-                    self.place_first(index, march, frustum, budget);
-                }
-            },
-        );
+        vectorized!(T, || {
+            for (index, march) in rays.iter_mut().enumerate() {
+                self.place_first(index, march, frustum, budget);
+            }
+        });
         self.samples = self.passes[0].points.len();
         self.passes[0].points.pad();
         evaluate(&mut self.passes[0]);
         if budget.fine > 0 {
-            T::vectorized(
-                #[inline(always)]
-                || {
-                    for (index, march) in rays.iter_mut().enumerate() {
-                        self.composite(index, march, frustum, budget);
-                        self.place_fine(index, march, frustum, budget);
-                    }
-                },
-            );
+            vectorized!(T, || {
+                for (index, march) in rays.iter_mut().enumerate() {
+                    self.composite(index, march, frustum, budget);
+                    self.place_fine(index, march, frustum, budget);
+                }
+            });
             self.samples += self.passes[1].points.len();
             self.passes[1].points.pad();
             evaluate(&mut self.passes[1]);
         }
-        T::vectorized(
-            #[inline(always)]
-            || {
-                for (index, march) in rays.iter().enumerate() {
-                    self.composite(index, march, frustum, budget);
-                }
-            },
-        );
+        vectorized!(T, || {
+            for (index, march) in rays.iter().enumerate() {
+                self.composite(index, march, frustum, budget);
+            }
+        });
     }
 
     #[inline(always)]
@@ -201,27 +192,24 @@ impl<T: Scalar> Marcher<T> {
             pass.d_shades.resize(pass.points.len(), [T::ZERO; 4]);
         }
         let [first_pass, fine_pass] = passes;
-        T::vectorized(
-            #[inline(always)]
-            || {
-                for (index, march) in rays.iter().enumerate() {
-                    let (traced, bins, rendered) = (&traced[index], &bins[index], &rendered[index]);
-                    h.clear();
-                    h.resize(traced.sources.len(), T::ZERO);
-                    let d_colour = upstream(index, rendered, bins, h);
-                    let background = march.background.map(T::from_f64);
-                    let firsts = traced.first.len();
-                    rendered.backward(bins, &traced.shades, background, d_colour, h, |j, d| {
-                        let source = traced.sources[j] as usize;
-                        if source < firsts {
-                            first_pass.d_shades[traced.first_row + source] = d;
-                        } else {
-                            fine_pass.d_shades[traced.fine_row + source - firsts] = d;
-                        }
-                    });
-                }
-            },
-        );
+        vectorized!(T, || {
+            for (index, march) in rays.iter().enumerate() {
+                let (traced, bins, rendered) = (&traced[index], &bins[index], &rendered[index]);
+                h.clear();
+                h.resize(traced.sources.len(), T::ZERO);
+                let d_colour = upstream(index, rendered, bins, h);
+                let background = march.background.map(T::from_f64);
+                let firsts = traced.first.len();
+                rendered.backward(bins, &traced.shades, background, d_colour, h, |j, d| {
+                    let source = traced.sources[j] as usize;
+                    if source < firsts {
+                        first_pass.d_shades[traced.first_row + source] = d;
+                    } else {
+                        fine_pass.d_shades[traced.fine_row + source - firsts] = d;
+                    }
+                });
+            }
+        });
         for pass in passes.iter_mut().filter(|pass| pass.points.len() > 0) {
             network.backward(pass, gradients);
         }

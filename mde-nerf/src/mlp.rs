@@ -1,7 +1,7 @@
 //! A multilayer perceptron over tiles of points, with a hand-derived backward pass.
 
 use crate::gemm::{Epilogue, Shape, padded};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, vectorized};
 use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
@@ -161,26 +161,20 @@ struct Layer {
 
 /// Sums the rows of `[points, width]`.
 fn add_rows<T: Scalar>(rows: &[T], sum: &mut [T]) {
-    T::vectorized(
-        #[inline(always)]
-        || {
-            for row in rows.chunks_exact(sum.len()) {
-                for (s, &r) in sum.iter_mut().zip(row) {
-                    *s += r;
-                }
+    vectorized!(T, || {
+        for row in rows.chunks_exact(sum.len()) {
+            for (s, &r) in sum.iter_mut().zip(row) {
+                *s += r;
             }
-        },
-    );
+        }
+    });
 }
 
 /// Zeroes the gradient where the ReLU is 0.
 fn mask<T: Scalar>(gradient: &mut [T], activation: &[T]) {
-    T::vectorized(
-        #[inline(always)]
-        || {
-            for (g, &a) in gradient.iter_mut().zip(activation) {
-                *g = if a > T::ZERO { *g } else { T::ZERO };
-            }
-        },
-    );
+    vectorized!(T, || {
+        for (g, &a) in gradient.iter_mut().zip(activation) {
+            *g = if a > T::ZERO { *g } else { T::ZERO };
+        }
+    });
 }

@@ -4,7 +4,7 @@ use crate::config::FieldConfig;
 use crate::encoding::{Frequency, HashGrid, HashLayout};
 use crate::mlp::{Mlp, MlpTape};
 use crate::points::Points;
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, vectorized};
 use crate::volume::Shade;
 
 /// Raw densities are clamped to ± this before the exponential.
@@ -119,14 +119,11 @@ impl<T: Scalar> Network<T> {
         self.mlp.forward(features, mlp);
         shades.resize(points.len(), [T::ZERO; 4]);
         let raw = mlp.output().chunks_exact(self.mlp.output_width());
-        T::vectorized(
-            #[inline(always)]
-            || {
-                for (shade, d) in shades.iter_mut().zip(raw) {
-                    *shade = activate([d[0], d[1], d[2], d[3]]);
-                }
-            },
-        );
+        vectorized!(T, || {
+            for (shade, d) in shades.iter_mut().zip(raw) {
+                *shade = activate([d[0], d[1], d[2], d[3]]);
+            }
+        });
     }
 
     /// Adds the gradients of the parameters, given those of the tape's shades.

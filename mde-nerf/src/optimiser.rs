@@ -1,7 +1,7 @@
 //! Adam, for a table without its first moment, the schedule, and the average of the parameters.
 
 use crate::config::TrainConfig;
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, vectorized};
 
 /// Adam's decay of the first moment.
 const BETA1: f64 = 0.9;
@@ -84,22 +84,19 @@ pub(crate) fn step_rows(
 }
 
 fn rows<const F: usize>(table: &mut [f32], second: &mut [f32], gradient: &mut [f32], step: AdamStep) {
-    f32::vectorized(
-        #[inline(always)]
-        || {
-            let rows = table.as_chunks_mut::<F>().0.iter_mut().zip(gradient.as_chunks_mut::<F>().0);
-            for ((p, g), v) in rows.zip(second) {
-                let square = g.iter().map(|g| g * g).sum::<f32>() / F as f32;
-                let (v_new, rate, touched) = step.scaled(*v, square);
-                let rate = if touched { rate } else { 0.0 };
-                *v = if touched { v_new } else { *v };
-                for (p, g) in p.iter_mut().zip(g) {
-                    *p -= rate * *g;
-                    *g = 0.0;
-                }
+    vectorized!(f32, || {
+        let rows = table.as_chunks_mut::<F>().0.iter_mut().zip(gradient.as_chunks_mut::<F>().0);
+        for ((p, g), v) in rows.zip(second) {
+            let square = g.iter().map(|g| g * g).sum::<f32>() / F as f32;
+            let (v_new, rate, touched) = step.scaled(*v, square);
+            let rate = if touched { rate } else { 0.0 };
+            *v = if touched { v_new } else { *v };
+            for (p, g) in p.iter_mut().zip(g) {
+                *p -= rate * *g;
+                *g = 0.0;
             }
-        },
-    );
+        }
+    });
 }
 
 /// An exponential moving average of the parameters.

@@ -46,6 +46,17 @@ pub(crate) trait Scalar: Real {
     }
 }
 
+/// Runs a closure by [`Scalar::vectorized`], inlined as it must be to be compiled for those vectors.
+macro_rules! vectorized {
+    ($scalar:ty, || $body:block) => {
+        <$scalar>::vectorized(
+            #[inline(always)]
+            || $body,
+        )
+    };
+}
+pub(crate) use vectorized;
+
 impl Scalar for f32 {
     fn matmul(x: &[f32], w: &[f32], y: &mut [f32], shape: Shape, epilogue: Epilogue<'_, f32>) {
         Arch::new().dispatch(Product { x, w, y, shape, epilogue });

@@ -169,12 +169,10 @@ fn view() -> Result<PosedView> {
 /// Independent vector multiply-adds at the processor's peak, `rounds` times, on one thread; returns their floating-point
 /// operations and a number that depends on all of them.
 pub fn multiply_adds(rounds: u64) -> (u64, f32) {
-    Arch::new().dispatch(Peak { rounds })
+    Arch::new().dispatch(Peak(rounds))
 }
 
-struct Peak {
-    rounds: u64,
-}
+struct Peak(u64);
 
 /// Enough chains to hide the latency of two pipes; they stay in registers.
 const CHAINS: usize = 12;
@@ -187,13 +185,13 @@ impl WithSimd for Peak {
         // Opaque to the compiler, which would fold the sums otherwise.
         let [start, scale, offset] = std::hint::black_box([1.0, 0.75, 0.5]).map(|x| simd.splat_f32s(x));
         let mut sums = [start; CHAINS];
-        for _ in 0..self.rounds {
+        for _ in 0..self.0 {
             for sum in &mut sums {
                 *sum = simd.mul_add_f32s(*sum, scale, offset);
             }
         }
         let total = sums.into_iter().fold(simd.splat_f32s(0.0), |total, sum| simd.add_f32s(total, sum));
-        (2 * self.rounds * (CHAINS * S::F32_LANES) as u64, simd.reduce_sum_f32s(total))
+        (2 * self.0 * (CHAINS * S::F32_LANES) as u64, simd.reduce_sum_f32s(total))
     }
 }
 

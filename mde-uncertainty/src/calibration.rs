@@ -195,11 +195,9 @@ impl Calibration {
 /// Refuses a table whose factor leaves no sigma.
 fn usable(table: &PooledIntervals) -> Result<()> {
     let factor = table.factor(Calibration::AT)?;
-    if FACTORS.contains(&factor) {
-        return Ok(());
-    }
     let value = format!("a table that multiplies sigma by {factor:e}");
-    Err(OutOfRange::new("half-widths", value, "give one that multiplies it by 1e-6 to 1e6").into())
+    let remedy = "give one that multiplies it by 1e-6 to 1e6";
+    Ok(OutOfRange::check(FACTORS.contains(&factor), "half-widths", &value, remedy)?)
 }
 
 /// Six digits are more than any number of scenes determines.

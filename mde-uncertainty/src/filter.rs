@@ -215,57 +215,48 @@ impl JointBilateral {
                 return Err(Error::Size { what, found, expected: map.dim() });
             }
         }
-        Ok(move |y, out: &mut [f32]| self.row(map, support, guide, y, out))
-    }
-
-    fn row(
-        &self,
-        map: ArrayView2<'_, f32>,
-        support: Option<ArrayView2<'_, f32>>,
-        guide: &[Array2<f32>],
-        y: usize,
-        out: &mut [f32],
-    ) {
         let Self { taps, falloff, dense } = self;
         let (height, width) = map.dim();
-        if y >= height || width == 0 {
-            return;
-        }
-        let (mut sum, mut total) = (vec![0.0_f32; width], vec![0.0_f32; width]);
-        let (mut weights, mut there) = (vec![0.0_f32; width], vec![0.0_f32; width]);
-        let here: Vec<Cow<'_, [f32]>> = guide.iter().map(|channel| line(channel.row(y))).collect();
-        for tap in taps {
-            let row = match y.checked_add_signed(tap.down) {
-                Some(row) if row < height => row,
-                _ if *dense => continue,
-                Some(_) => height - 1,
-                None => 0,
-            };
-            // The pixels that take part: in a dense filter those whose neighbour is in the map.
-            let pixels = if *dense { within(tap.across, width) } else { 0..width };
-            let (weights, there) = (&mut weights[pixels.clone()], &mut there);
-            weights.fill(0.0);
-            for (channel, here) in guide.iter().zip(&here) {
-                shift(channel.row(row), tap.across, there);
-                let pairs = there[pixels.clone()].iter().zip(&here[pixels.clone()]);
-                weights.iter_mut().zip(pairs).for_each(|(sum, (t, h))| *sum += (t - h) * (t - h));
+        Ok(move |y: usize, out: &mut [f32]| {
+            if y >= height || width == 0 {
+                return;
             }
-            weights.iter_mut().for_each(|w| *w = tap.weight * approximate_exp(*w * falloff));
-            if let Some(support) = support {
-                shift(support.row(row), tap.across, there);
-                weights.iter_mut().zip(&there[pixels.clone()]).for_each(|(w, known)| *w *= known);
+            let (mut sum, mut total) = (vec![0.0_f32; width], vec![0.0_f32; width]);
+            let (mut weights, mut there) = (vec![0.0_f32; width], vec![0.0_f32; width]);
+            let here: Vec<Cow<'_, [f32]>> = guide.iter().map(|channel| line(channel.row(y))).collect();
+            for tap in taps {
+                let row = match y.checked_add_signed(tap.down) {
+                    Some(row) if row < height => row,
+                    _ if *dense => continue,
+                    Some(_) => height - 1,
+                    None => 0,
+                };
+                // The pixels that take part: in a dense filter those whose neighbour is in the map.
+                let pixels = if *dense { within(tap.across, width) } else { 0..width };
+                let (weights, there) = (&mut weights[pixels.clone()], &mut there);
+                weights.fill(0.0);
+                for (channel, here) in guide.iter().zip(&here) {
+                    shift(channel.row(row), tap.across, there);
+                    let pairs = there[pixels.clone()].iter().zip(&here[pixels.clone()]);
+                    weights.iter_mut().zip(pairs).for_each(|(sum, (t, h))| *sum += (t - h) * (t - h));
+                }
+                weights.iter_mut().for_each(|w| *w = tap.weight * approximate_exp(*w * falloff));
+                if let Some(support) = support {
+                    shift(support.row(row), tap.across, there);
+                    weights.iter_mut().zip(&there[pixels.clone()]).for_each(|(w, known)| *w *= known);
+                }
+                shift(map.row(row), tap.across, there);
+                let values = weights.iter().zip(&there[pixels.clone()]);
+                let sums = sum[pixels.clone()].iter_mut().zip(&mut total[pixels]);
+                sums.zip(values).for_each(|((sum, total), (&w, &v))| {
+                    *sum += w * v;
+                    *total += w;
+                });
             }
-            shift(map.row(row), tap.across, there);
-            let values = weights.iter().zip(&there[pixels.clone()]);
-            let sums = sum[pixels.clone()].iter_mut().zip(&mut total[pixels]);
-            sums.zip(values).for_each(|((sum, total), (&w, &v))| {
-                *sum += w * v;
-                *total += w;
-            });
-        }
-        for (x, out) in out.iter_mut().enumerate().take(width) {
-            *out = if total[x] > 0.0 { sum[x] / total[x] } else { map[(y, x)] };
-        }
+            for (x, out) in out.iter_mut().enumerate().take(width) {
+                *out = if total[x] > 0.0 { sum[x] / total[x] } else { map[(y, x)] };
+            }
+        })
     }
 }
 

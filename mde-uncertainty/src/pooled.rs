@@ -36,10 +36,8 @@ impl PooledIntervals {
     /// [`Config`](crate::Error::Config) without scenes, for a scene of fewer than two quantiles, and for quantiles that decrease, are negative
     /// or not finite.
     pub fn fit(scenes: &[Vec<f64>]) -> Result<Self> {
-        if scenes.is_empty() {
-            let remedy = "give one scene or more with an uncertainty";
-            return Err(OutOfRange::new("scenes", "an empty list", remedy).into());
-        }
+        let remedy = "give one scene or more with an uncertainty";
+        OutOfRange::check(!scenes.is_empty(), "scenes", &"an empty list", remedy)?;
         if let Some(scene) = scenes.iter().position(|q| q.len() < 2 || !rises(q)) {
             let remedy = "give two or more finite numbers from 0 on that do not decrease";
             let value = format!("unusable for scene {scene}");
@@ -56,11 +54,10 @@ impl PooledIntervals {
     /// [`Config`](crate::Error::Config) unless there are [`STEPS`](Self::STEPS) of them, finite, at least 0, non-decreasing, and the last above 0.
     pub fn from_half_widths(half_widths: Vec<f64>) -> Result<Self> {
         let positive = half_widths.last().is_some_and(|last| *last > 0.0);
-        if half_widths.len() != Self::STEPS || !positive || !rises(&half_widths) {
-            let value = format!("a list of {} unusable values", half_widths.len());
-            let remedy = "give 100 finite numbers from 0 on that do not decrease, the last above 0";
-            return Err(OutOfRange::new("half-widths", value, remedy).into());
-        }
+        let sound = half_widths.len() == Self::STEPS && positive && rises(&half_widths);
+        let value = format!("a list of {} unusable values", half_widths.len());
+        let remedy = "give 100 finite numbers from 0 on that do not decrease, the last above 0";
+        OutOfRange::check(sound, "half-widths", &value, remedy)?;
         Ok(Self { half_widths })
     }
 

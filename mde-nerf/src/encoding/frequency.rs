@@ -1,5 +1,5 @@
 use crate::points::{BLOCK, Points};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, vectorized};
 
 /// The frequency encoding of Mildenhall et al. (2020):
 /// \\(\gamma(q) = (q, \sin 2^k \pi q, \cos 2^k \pi q)_{k < K}\\), with \\(q\\) scaled to \\([-1, 1]\\).
@@ -16,23 +16,20 @@ impl Frequency {
 
     /// Features of `points`, one row of `stride` each; other columns are not written.
     pub(crate) fn forward<T: Scalar>(self, points: &Points<T>, features: &mut [T], stride: usize) {
-        T::vectorized(
-            #[inline(always)]
-            || {
-                for (block, rows) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
-                    for (axis, q) in block.into_iter().enumerate() {
-                        let mut angle = q.map(|q| (T::ONE + T::ONE) * q - T::ONE);
-                        put(rows, stride, axis, angle);
-                        for k in 0..self.frequencies {
-                            put(rows, stride, 3 + 6 * k + axis, angle.map(T::sin_pi));
-                            put(rows, stride, 6 + 6 * k + axis, angle.map(T::cos_pi));
-                            // Doubling a float is exact, so every octave is as exact as the first.
-                            angle = angle.map(|a| a + a);
-                        }
+        vectorized!(T, || {
+            for (block, rows) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
+                for (axis, q) in block.into_iter().enumerate() {
+                    let mut angle = q.map(|q| (T::ONE + T::ONE) * q - T::ONE);
+                    put(rows, stride, axis, angle);
+                    for k in 0..self.frequencies {
+                        put(rows, stride, 3 + 6 * k + axis, angle.map(T::sin_pi));
+                        put(rows, stride, 6 + 6 * k + axis, angle.map(T::cos_pi));
+                        // Doubling a float is exact, so every octave is as exact as the first.
+                        angle = angle.map(|a| a + a);
                     }
                 }
-            },
-        );
+            }
+        });
     }
 }
 

@@ -1,6 +1,6 @@
 use crate::config::HashFieldConfig;
 use crate::points::{BLOCK, Points};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, vectorized};
 use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
@@ -49,11 +49,8 @@ impl HashLayout {
     /// columns to as many starts.
     pub(crate) fn new(config: &HashFieldConfig) -> Self {
         let HashFieldConfig { levels, features, log2_rows, coarsest, finest, .. } = *config;
-        let growth = if levels > 1 {
-            (f64::from(finest) / f64::from(coarsest)).powf(1.0 / (levels - 1) as f64)
-        } else {
-            1.0
-        };
+        // Of a single level it has the power 0.
+        let growth = (f64::from(finest) / f64::from(coarsest)).powf(1.0 / (levels.max(2) - 1) as f64);
         let mut first_row = 0;
         let levels = (0..levels)
             .map(|level| {
@@ -143,63 +140,57 @@ impl<T: Scalar> HashGrid<T> {
     }
 
     fn gather<const F: usize>(&self, points: &Points<T>, features: &mut [T], stride: usize) {
-        T::vectorized(
-            #[inline(always)]
-            || {
-                // Level by level, so that only one level's rows are in the cache at a time.
-                for (index, level) in self.layout.levels.iter().enumerate() {
-                    let table = &self.table[level.first_row * F..][..level.rows * F];
-                    for (block, out) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
-                        let cells = level.cells(block);
-                        for (lane, out) in out.chunks_exact_mut(stride).enumerate() {
-                            // Of both ends of an edge.
-                            let mut sums = [[T::ZERO; F]; 2];
-                            for corner in 0..4 {
-                                let weight = cells.weights[corner][lane];
-                                let rows = &table[cells.rows[corner][lane] as usize * F..][..2 * F];
-                                for (sum, &x) in sums.as_flattened_mut().iter_mut().zip(rows) {
-                                    *sum = weight.mul_add(x, *sum);
-                                }
+        vectorized!(T, || {
+            // Level by level, so that only one level's rows are in the cache at a time.
+            for (index, level) in self.layout.levels.iter().enumerate() {
+                let table = &self.table[level.first_row * F..][..level.rows * F];
+                for (block, out) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
+                    let cells = level.cells(block);
+                    for (lane, out) in out.chunks_exact_mut(stride).enumerate() {
+                        // Of both ends of an edge.
+                        let mut sums = [[T::ZERO; F]; 2];
+                        for corner in 0..4 {
+                            let weight = cells.weights[corner][lane];
+                            let rows = &table[cells.rows[corner][lane] as usize * F..][..2 * F];
+                            for (sum, &x) in sums.as_flattened_mut().iter_mut().zip(rows) {
+                                *sum = weight.mul_add(x, *sum);
                             }
-                            let depth = cells.depth[lane];
-                            let [near, far] = sums;
-                            for ((out, near), far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
-                                *out = depth.mul_add(far - near, near);
-                            }
+                        }
+                        let depth = cells.depth[lane];
+                        let [near, far] = sums;
+                        for ((out, near), far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
+                            *out = depth.mul_add(far - near, near);
                         }
                     }
                 }
-            },
-        );
+            }
+        });
     }
 }
 
 impl Level {
     fn scatter<T: Scalar, const F: usize>(&self, points: &Points<T>, d_features: &[T], gradient: &mut [T]) {
-        T::vectorized(
-            #[inline(always)]
-            || {
-                let d_blocks = d_features.chunks_exact(BLOCK * F);
-                for (block, d) in points.blocks().zip(d_blocks) {
-                    let cells = self.cells(block);
-                    for (lane, d) in d.as_chunks::<F>().0.iter().enumerate() {
-                        if d.iter().all(|&d| d == T::ZERO) {
-                            continue;
-                        }
-                        let depth = cells.depth[lane];
-                        let far = d.map(|d| depth * d);
-                        let edge: [[T; F]; 2] = [std::array::from_fn(|f| d[f] - far[f]), far];
-                        for corner in 0..4 {
-                            let weight = cells.weights[corner][lane];
-                            let rows = &mut gradient[cells.rows[corner][lane] as usize * F..][..2 * F];
-                            for (sum, &d) in rows.iter_mut().zip(edge.as_flattened()) {
-                                *sum = weight.mul_add(d, *sum);
-                            }
+        vectorized!(T, || {
+            let d_blocks = d_features.chunks_exact(BLOCK * F);
+            for (block, d) in points.blocks().zip(d_blocks) {
+                let cells = self.cells(block);
+                for (lane, d) in d.as_chunks::<F>().0.iter().enumerate() {
+                    if d.iter().all(|&d| d == T::ZERO) {
+                        continue;
+                    }
+                    let depth = cells.depth[lane];
+                    let far = d.map(|d| depth * d);
+                    let edge: [[T; F]; 2] = [std::array::from_fn(|f| d[f] - far[f]), far];
+                    for corner in 0..4 {
+                        let weight = cells.weights[corner][lane];
+                        let rows = &mut gradient[cells.rows[corner][lane] as usize * F..][..2 * F];
+                        for (sum, &d) in rows.iter_mut().zip(edge.as_flattened()) {
+                            *sum = weight.mul_add(d, *sum);
                         }
                     }
                 }
-            },
-        );
+            }
+        });
     }
 
     #[inline(always)]

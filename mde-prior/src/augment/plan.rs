@@ -2,16 +2,17 @@ use serde::{Deserialize, Serialize};
 
 /// Number of predictions of the augmentation: `"auto"`, or an upper bound.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(try_from = "Repr", into = "Repr")]
+#[serde(try_from = "Repr", rename_all = "kebab-case")]
 pub enum Predictions {
     /// As many as the sizes of image and model make worthwhile; see [`Plan`].
     #[default]
     Auto,
     /// At most so many, 1 or more.
+    #[serde(untagged)]
     Most(u32),
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(untagged)]
 enum Repr {
     Most(u32),
@@ -25,15 +26,6 @@ impl TryFrom<Repr> for Predictions {
         match repr {
             Repr::Most(most) => most.to_string().parse(),
             Repr::Auto(text) => text.parse(),
-        }
-    }
-}
-
-impl From<Predictions> for Repr {
-    fn from(predictions: Predictions) -> Self {
-        match predictions {
-            Predictions::Auto => Self::Auto("auto".to_owned()),
-            Predictions::Most(most) => Self::Most(most),
         }
     }
 }

@@ -1,7 +1,6 @@
 use super::post_filter::blurred;
 use crate::resample::{Filter, resize};
-use mde_uncertainty::filter::line;
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2, Zip, s};
 
 /// Cells along each axis for the statistics of a crop: windows are much wider than a cell.
 const CELLS: usize = 28;
@@ -61,32 +60,22 @@ fn block_moments(
     cells: (usize, usize),
 ) -> [Array2<f32>; 5] {
     let (height, width) = prediction.dim();
-    let mut means: [Array2<f32>; 5] = std::array::from_fn(|_| Array2::zeros(cells));
     // Cell i has the pixels p with floor(p cells / pixels) = i.
-    let first = |cell: usize, pixels: usize, cells: usize| (cell * pixels).div_ceil(cells);
-    for row in 0..cells.0 {
-        let rows = first(row, height, cells.0)..first(row + 1, height, cells.0);
-        let mut sums = vec![[0.0_f64; 5]; cells.1];
-        for y in rows.clone() {
-            let (predictions, values) = (line(prediction.row(y)), line(map.row(y)));
-            for (column, sum) in sums.iter_mut().enumerate() {
-                let at = first(column, width, cells.1)..first(column + 1, width, cells.1);
-                let mut part = [0.0_f32; 5];
-                for (&l, &c) in predictions[at.clone()].iter().zip(&values[at]) {
-                    part[0] += l;
-                    part[1] += c;
-                    part[2] += l * l;
-                    part[3] += c * c;
-                    part[4] += l * c;
-                }
-                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += f64::from(part));
+    let pixels = |cell: usize, pixels: usize, cells: usize| {
+        (cell * pixels).div_ceil(cells)..((cell + 1) * pixels).div_ceil(cells)
+    };
+    let means = Array2::from_shape_fn(cells, |(row, column)| {
+        let cell = s![pixels(row, height, cells.0), pixels(column, width, cells.1)];
+        let (predictions, values) = (prediction.slice(cell), map.slice(cell));
+        let mut sums = [0.0_f64; 5];
+        for (predictions, values) in predictions.outer_iter().zip(values.outer_iter()) {
+            let mut part = [0.0_f32; 5];
+            for (&l, &c) in predictions.iter().zip(values) {
+                part.iter_mut().zip([l, c, l * l, c * c, l * c]).for_each(|(sum, value)| *sum += value);
             }
+            sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += f64::from(part));
         }
-        for (column, sum) in sums.iter().enumerate() {
-            let columns = first(column + 1, width, cells.1) - first(column, width, cells.1);
-            let count = (rows.len() * columns).max(1) as f64;
-            means.iter_mut().zip(sum).for_each(|(mean, sum)| mean[(row, column)] = (sum / count) as f32);
-        }
-    }
-    means
+        sums.map(|sum| (sum / values.len().max(1) as f64) as f32)
+    });
+    std::array::from_fn(|moment| means.mapv(|means| means[moment]))
 }

@@ -38,8 +38,7 @@ impl Changes {
             [&mut self.sum, &mut self.squares, &mut self.weight].map(|map| map.slice_mut(window));
         for (v, change) in change.outer_iter().enumerate() {
             let down = sine(v, height);
-            let rows = [&mut sums, &mut squares, &mut weights].map(|map| map.row_mut(v));
-            let [sum, square, weight] = rows;
+            let [sum, square, weight] = [&mut sums, &mut squares, &mut weights].map(|map| map.row_mut(v));
             Zip::from(sum).and(square).and(weight).and(change).and(&across).for_each(
                 |sum, square, weight, &d, &across| {
                     let w = down * across + LEAST;

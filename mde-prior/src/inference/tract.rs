@@ -128,12 +128,13 @@ impl Graph for TractGraph {
             })?;
             outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
         };
-        match Within::enter() {
-            // The pool that this runs in: threads without a prediction of their own help. Work is split between outputs, never within
-            // a sum, so the bytes stay the same.
-            Some(_within) => multithread_tract_scope(Executor::RayonGlobal, compute),
-            None => on_own_thread(compute),
+        if WITHIN.replace(true) {
+            return on_own_thread(compute);
         }
+        let _within = Within;
+        // The pool that this runs in: threads without a prediction of their own help. Work is split between outputs, never within
+        // a sum, so the bytes stay the same.
+        multithread_tract_scope(Executor::RayonGlobal, compute)
     }
 
     fn memory(&self, shape: [usize; 4], outputs: &[usize]) -> Result<InferenceMemory, String> {
@@ -155,13 +156,6 @@ thread_local! {
 /// This thread is within a prediction. While it waits there for its part of a matrix product, rayon gives it whatever the pool has to do,
 /// another prediction too; tract's scratch of that thread is borrowed meanwhile, and borrowing it again panics.
 struct Within;
-
-impl Within {
-    /// Nothing where it is already.
-    fn enter() -> Option<Self> {
-        (!WITHIN.replace(true)).then(|| Self)
-    }
-}
 
 impl Drop for Within {
     fn drop(&mut self) {
