@@ -33,19 +33,7 @@ pub fn silent(_: usize, _: usize) -> ControlFlow<()> {
 
 /// An error where the callback ends the work.
 fn notify(callback: &mut Callback<'_>, done: usize, all: usize) -> Result<()> {
-    match callback(done, all) {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(Error::Interrupted),
-    }
-}
-
-/// An error unless a map has its camera's size.
-fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) -> Result<()> {
-    if found == camera.dim() {
-        return Ok(());
-    }
-    let (found, expected) = (vec![found.0, found.1], vec![camera.height, camera.width]);
-    Err(mde_warp::Error::Shape { what, found, expected }.into())
+    if callback(done, all).is_continue() { Ok(()) } else { Err(Error::Interrupted) }
 }
 
 /// The place of a camera in the world.

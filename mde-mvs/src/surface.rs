@@ -1,7 +1,7 @@
 //! One surface of many depth maps.
 
 use crate::cloud::DepthView;
-use crate::{Result, check_map, nearest_pixel};
+use crate::{Result, nearest_pixel};
 use fast_surface_nets::ndshape::RuntimeShape;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use mde_uncertainty::statistics::quantile;
@@ -71,7 +71,7 @@ struct Voxel {
 pub fn surface(views: &[DepthView<'_>]) -> Result<Surface> {
     for view in views {
         for map in [view.depth.dim(), view.sigma.dim(), (view.image.dim().0, view.image.dim().1)] {
-            check_map("map", map, &view.camera)?;
+            view.camera.check_map("map", map)?;
         }
     }
     let Some(grid) = Grid::about(views) else { return Ok(Surface::default()) };

@@ -92,6 +92,17 @@ impl PinholeCamera {
         (self.height, self.width)
     }
 
+    /// Checks that a map, named by `what`, has this shape.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for another one.
+    pub fn check_map(&self, what: &'static str, found: (usize, usize)) -> Result<()> {
+        if found == self.dim() {
+            return Ok(());
+        }
+        Err(Error::Shape { what, found: vec![found.0, found.1], expected: vec![self.height, self.width] })
+    }
+
     /// Projection of a point of the camera's frame, in pixels (x: column, y: row), inside the image or not.
     ///
     /// \\[ (u, v) = \left( f_x \frac{x}{z} + c_x,\; f_y \frac{y}{z} + c_y \right) \\]

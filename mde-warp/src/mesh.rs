@@ -5,8 +5,8 @@
 //! its surface's own slope, so that two surfaces meet half-way between their pixels, and a structure one pixel thin is one
 //! pixel wide.
 
-use crate::raster::{Corner, snap, triangle};
-use crate::transfer::{Projected, Transfer};
+use crate::raster::{Corner, Projected, snap, triangle};
+use crate::transfer::Transfer;
 use crate::zbuffer::Hit;
 use mde_uncertainty::GaussianDepth;
 
@@ -87,7 +87,8 @@ impl Mesh {
                 };
                 let index = (row + 1) * stride + column + 1;
                 disparity[index] = f64::from(mean).recip();
-                projected[index] = transfer.project(column as f64, row as f64, disparity[index]);
+                let (u, v) = (column as f64, row as f64);
+                projected[index] = Projected::new(&transfer, u, v, disparity[index]);
             }
         }
         Self { transfer, tear, stride, disparity, projected }
@@ -159,7 +160,7 @@ impl Cell<'_> {
 
     fn triangle(&self, corners: &[Corner; 3], part: Part, emit: &mut impl FnMut((usize, usize), Hit)) {
         let patch = Patch { row: self.row as u32, column: self.column as u32, part };
-        triangle(corners, self.mesh.transfer.target.dim(), patch, emit);
+        triangle(corners, self.mesh.transfer.dim(), patch, emit);
     }
 
     /// A cell that lies on more than one surface, or on one and a piece.
@@ -238,6 +239,6 @@ impl Cell<'_> {
         }
         let disparity = (sum / count).clamp(0.5 * self.d[k], 2.0 * self.d[k]);
         let (u, v) = (self.column as f64 - 1.0 + s, self.row as f64 - 1.0 + t);
-        Corner { projected: self.mesh.transfer.project(u, v, disparity), u, v }
+        Corner { projected: Projected::new(&self.mesh.transfer, u, v, disparity), u, v }
     }
 }

@@ -1,12 +1,34 @@
 //! Triangles onto pixel centres, with perspective-correct interpolation.
 
 use crate::mesh::Patch;
-use crate::transfer::Projected;
+use crate::transfer::{Seen, Transfer};
 use crate::zbuffer::Hit;
 
 /// A barycentric weight below this is zero. A pixel centre that a vertex hits but for rounding then gets exactly that
 /// vertex, and two triangles that share an edge leave no gap between them.
 pub(crate) const SNAP: f64 = 1e-7;
+
+/// A source point in the target: pixel, inverse depth, and source depth over target depth, which are 0 where it is not in front.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Projected {
+    x: f64,
+    y: f64,
+    inverse_depth: f64,
+    ratio: f64,
+}
+
+impl Projected {
+    /// Source column `u`, row `v` at an inverse depth.
+    pub(crate) fn new(transfer: &Transfer, u: f64, v: f64, disparity: f64) -> Self {
+        let of = |Seen { x, y, ratio }: Seen| Self {
+            x,
+            y,
+            inverse_depth: disparity / ratio,
+            ratio: ratio.recip(),
+        };
+        transfer.at(u, v, disparity).map_or(Self::default(), of)
+    }
+}
 
 /// A corner of a triangle: its projection in the target and its source pixel (column, row).
 #[derive(Debug, Clone, Copy)]

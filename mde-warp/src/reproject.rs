@@ -1,7 +1,7 @@
 use crate::error::in_range;
 use crate::mesh::Mesh;
+use crate::pose::check_cameras;
 use crate::transfer::Transfer;
-use crate::view::check_map;
 use crate::zbuffer::{Hit, front};
 use crate::{PinholeCamera, Pose, Result};
 use mde_uncertainty::GaussianDepth;
@@ -81,8 +81,9 @@ pub fn reproject(
     config: &ReprojectConfig,
 ) -> Result<GaussianDepth> {
     config.validate()?;
-    let transfer = Transfer::new((camera, pose), (target_camera, target))?;
-    check_map("depth", depth.dim(), camera)?;
+    check_cameras((camera, pose), (target_camera, target))?;
+    let transfer = Transfer::between((camera, pose), (target_camera, target));
+    camera.check_map("depth", depth.dim())?;
 
     let mesh = Mesh::new(depth, transfer, config.tear);
     let mut mixtures = front(&mesh).mapv(|hit| Mixture::behind(&hit, depth, &transfer, config));

@@ -43,16 +43,9 @@ impl PosedView {
         self.camera.validate()?;
         check_pose("view's", &self.pose)?;
         check_image(self.image.view(), &self.camera)?;
-        check_map("mask", self.mask.dim(), &self.camera)?;
-        self.hypotheses.iter().try_for_each(|h| check_map("depth hypothesis", h.dim(), &self.camera))
+        self.camera.check_map("mask", self.mask.dim())?;
+        self.hypotheses.iter().try_for_each(|h| self.camera.check_map("depth hypothesis", h.dim()))
     }
-}
-
-pub(crate) fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) -> Result<()> {
-    if found == camera.dim() {
-        return Ok(());
-    }
-    Err(Error::Shape { what, found: vec![found.0, found.1], expected: vec![camera.height, camera.width] })
 }
 
 pub(crate) fn check_image(image: ArrayView3<'_, f32>, camera: &PinholeCamera) -> Result<()> {

@@ -1,8 +1,9 @@
 use crate::error::in_range;
 use crate::holes::{self, Hole};
 use crate::mesh::Mesh;
+use crate::pose::check_cameras;
 use crate::transfer::Transfer;
-use crate::view::{check_image, check_map};
+use crate::view::check_image;
 use crate::zbuffer::{Hit, front};
 use crate::{PinholeCamera, Pose, PosedView, Result};
 use mde_uncertainty::GaussianDepth;
@@ -99,9 +100,10 @@ pub fn forward_warp(
     config: &WarpConfig,
 ) -> Result<WarpedView> {
     config.validate()?;
-    let transfer = Transfer::new((camera, source), (target_camera, target))?;
+    check_cameras((camera, source), (target_camera, target))?;
+    let transfer = Transfer::between((camera, source), (target_camera, target));
     check_image(image, camera)?;
-    check_map("depth", depth.dim(), camera)?;
+    camera.check_map("depth", depth.dim())?;
 
     let hits = front(&Mesh::new(depth, transfer, config.tear));
     let warped = warped_depth(&hits, depth, &transfer)?;
@@ -110,7 +112,7 @@ pub fn forward_warp(
     let mut colours = warped_colours(&hits, image, &mask);
 
     let holes = holes::find(&warped_mean);
-    let back = transfer.inverse();
+    let back = Transfer::between((target_camera, target), (camera, source));
     let inside = holes.iter().filter(|hole| within_source(hole, &warped_mean, &back)).count();
     holes.iter().for_each(|hole| fill(&mut colours, hole));
     let share = |count: usize| count as f64 / mask.len() as f64;
@@ -156,8 +158,8 @@ fn warped_colours(hits: &Array2<Hit>, image: ArrayView3<'_, f32>, mask: &Array2<
 /// Whether a hole's background lies within the source frame; `back` goes from the target to the source.
 fn within_source(hole: &Hole, depth: &Array2<f32>, back: &Transfer) -> bool {
     let disparity = hole.background.map_or(0.0, |pixel| f64::from(depth[pixel]).recip());
-    let projected = back.project(hole.column as f64, hole.row as f64, disparity);
-    projected.ratio > 0.0 && back.target.contains([projected.x, projected.y].into())
+    let seen = back.at(hole.column as f64, hole.row as f64, disparity);
+    seen.is_some_and(|seen| back.nearest(&seen).is_some())
 }
 
 /// Gives a hole the colour of its background, where that is near.

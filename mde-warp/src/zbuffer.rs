@@ -42,7 +42,7 @@ impl Hit {
 
 /// The nearest sample of the surface at every target pixel, `[height, width]`.
 pub(crate) fn front(mesh: &Mesh) -> Array2<Hit> {
-    let mut hits = Array2::from_elem(mesh.transfer.target.dim(), Hit::default());
+    let mut hits = Array2::from_elem(mesh.transfer.dim(), Hit::default());
     mesh.rasterise(|pixel, new| {
         if let Some(hit) = hits.get_mut(pixel)
             && new.hides(hit)

@@ -2,14 +2,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::{Point2, Point3};
+use nalgebra::Point3;
 use ndarray::ArrayView3;
 
 use super::error::unsupported;
 use super::tum::{lines, number, numbers};
 use super::{
-    Distortion, Error, Frame, HALF, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph,
-    content, pose, quaternion, read_bytes, read_text,
+    Distortion, Error, Frame, HALF, KnownDepth, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint,
+    check_photograph, content, pose, quaternion, read_bytes, read_text,
 };
 
 const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV";
@@ -38,21 +38,12 @@ pub fn read_colmap(
     raw.capture(&images, photographs, size)
 }
 
-/// Depths of one photograph from a COLMAP model, at the points that it shows.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SparseDepths {
-    /// Width and height of the photograph, pixels.
-    pub size: [usize; 2],
-    /// Column and row, pixel centres at integers, and z in the model's unit.
-    pub depths: Vec<(Point2<f64>, f64)>,
-}
-
-/// The [depths](SparseDepths) of the photograph of that name, or else of that file name, in a COLMAP model (text or binary).
-/// Points behind the camera or beyond its image are left out. No photograph is read.
+/// `(height, width)` of the photograph of that name, or else of that file name, in a COLMAP model (text or binary), and the depths at the
+/// points that it shows, in the model's unit. Points behind the camera or beyond its image are left out. No photograph is read.
 ///
 /// # Errors
 /// As [`read_colmap`], and [`Error::Content`](super::Error::Content) where the model has no such photograph, or several.
-pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths> {
+pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<((usize, usize), Vec<KnownDepth>)> {
     let (path, raw) = Raw::read(model)?;
     let mut found: Vec<&Image> = raw.images.iter().filter(|image| image.name == photograph).collect();
     if found.is_empty() {
@@ -69,11 +60,10 @@ pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths
             let point = pose.transform_point(&Point3::from(*position));
             let pixel = lens.photograph_pixel(lens.camera.project(&point)?)?;
             let usable = point.z.is_finite() && error.is_finite() && lens.camera.contains(pixel);
-            usable.then_some((pixel, point.z))
+            usable.then_some(KnownDepth { x: pixel.x, y: pixel.y, depth: point.z, sigma: 0.0 })
         },
     );
-    let (height, width) = lens.camera.dim();
-    Ok(SparseDepths { size: [width, height], depths: depths.collect() })
+    Ok((lens.camera.dim(), depths.collect()))
 }
 
 pub(super) struct Image {

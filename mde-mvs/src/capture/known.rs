@@ -1,7 +1,6 @@
 //! Depths that are known at some pixels of a photograph.
 
 use super::{Result, content, fault, read_colmap_depths, read_text};
-use nalgebra::Point2;
 use std::path::Path;
 
 /// Most rows of a file.
@@ -37,9 +36,8 @@ pub fn read_known_depths(
     let inside = path.join("sparse/0");
     let model = if inside.is_dir() { &inside } else { path };
     let name = photograph.file_name().unwrap_or_default().to_string_lossy();
-    let found = read_colmap_depths(model, &name)?;
-    let [w, h] = found.size;
-    if [w, h] != [width, height] {
+    let ((h, w), known) = read_colmap_depths(model, &name)?;
+    if (h, w) != (height, width) {
         return Err(fault(
             path,
             format!(
@@ -47,8 +45,7 @@ pub fn read_known_depths(
             ),
         ));
     }
-    let known = |(at, depth): (Point2<f64>, f64)| KnownDepth { x: at.x, y: at.y, depth, sigma: 0.0 };
-    Ok(found.depths.into_iter().map(known).collect())
+    Ok(known)
 }
 
 fn rows(path: &Path) -> Result<Vec<KnownDepth>> {

@@ -33,7 +33,7 @@ use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion};
 use ndarray::ArrayView3;
 
-pub use colmap::{ColmapPoint, SparseDepths, colmap_map, colmap_text, read_colmap, read_colmap_depths};
+pub use colmap::{ColmapPoint, colmap_map, colmap_text, read_colmap, read_colmap_depths};
 pub use error::{Error, Result};
 use error::{content, fault, missing};
 pub use files::{CaptureFiles, same_file};

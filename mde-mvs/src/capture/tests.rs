@@ -245,8 +245,7 @@ fn a_photograph_s_sparse_depths_are_those_of_its_points() {
         "1 0.2 -0.1 1 0 0 0 0.5 1 0 2 0\n2 0 0 -3 0 0 0 0.5 1 1 2 1\n3 0 0 2 0 0 0 0.5 2 2\n4 9 0 2 0 0 0 0.5 1 3\n",
     );
     let found = read_colmap_depths(folder.path(), "a.jpg").unwrap();
-    assert_eq!(found.size, [64, 48]);
-    assert_eq!(found.depths, [(Point2::new(36.5, 21.0), 2.0)]);
+    assert_eq!(found, ((48, 64), vec![KnownDepth { x: 36.5, y: 21.0, depth: 2.0, sigma: 0.0 }]));
     let gone = read_colmap_depths(folder.path(), "c.jpg").unwrap_err().to_string();
     assert!(gone.contains("c.jpg") && gone.contains("0 photographs"), "{gone}");
     write("images.txt", &images.replace("left/b.jpg", "right/a.jpg"));

@@ -95,7 +95,7 @@ fn maps(view: &DepthView<'_>) -> [Array3<f32>; 2] {
 #[cfg(all(test, feature = "surface"))]
 mod tests {
     use super::*;
-    use crate::capture::{read_colmap, read_colmap_depths};
+    use crate::capture::{KnownDepth, read_colmap, read_colmap_depths};
     use crate::cloud::consistent_points;
     use crate::export::tests::{SIZE, with_plane};
     use mde_warp::Pose;
@@ -111,10 +111,10 @@ mod tests {
         with_plane(|view| {
             let files = colmap_view(view, &[Frame::new(view.camera, view.pose, "image.png")]);
             files.iter().for_each(|(name, text)| fs::write(place.path().join(name), text).unwrap());
-            let found = read_colmap_depths(place.path(), "image.png").unwrap();
-            assert_eq!((found.size, found.depths.len()), ([SIZE.1, SIZE.0], SIZE.0 * SIZE.1 - 1));
-            for (pixel, depth) in found.depths {
-                let near = pixel.map(f64::round);
+            let (size, found) = read_colmap_depths(place.path(), "image.png").unwrap();
+            assert_eq!((size, found.len()), (SIZE, SIZE.0 * SIZE.1 - 1));
+            for KnownDepth { x, y, depth, .. } in found {
+                let (pixel, near) = (Point2::new(x, y), Point2::new(x.round(), y.round()));
                 assert!((pixel - near).norm() < 1e-4, "{pixel}");
                 assert!((view.depth[(near.y as usize, near.x as usize)] - depth as f32).abs() < 1e-4);
             }

@@ -42,7 +42,7 @@ pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, MatchPair, Prepared, ScaleMatches, common_scale};
 
-use crate::{Callback, Result, centre, check_map, notify};
+use crate::{Callback, Result, centre, notify};
 use bundle::Lens;
 use features::Features;
 use mde_uncertainty::OutOfRange;
@@ -109,9 +109,9 @@ impl<'a> FeatureImage<'a> {
         let camera = &photograph.camera;
         camera.validate()?;
         let (height, width, _) = photograph.image.dim();
-        check_map("photograph", (height, width), camera)?;
+        camera.check_map("photograph", (height, width))?;
         if let Some(prior) = &photograph.prior {
-            check_map("prior depth", prior.dim(), camera)?;
+            camera.check_map("prior depth", prior.dim())?;
         }
         let lens = Lens {
             focal: Vector2::new(camera.fx, camera.fy),

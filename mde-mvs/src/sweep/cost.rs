@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::raster::luma;
-use mde_warp::transfer::PlaneTransfer;
+use mde_warp::transfer::Transfer;
 
 /// Half the side of the correlation window, pixels.
 pub(crate) const RADIUS: usize = 2;
@@ -51,7 +51,7 @@ struct Source {
     quads: Vec<u64>,
     width: usize,
     height: usize,
-    transfer: PlaneTransfer,
+    transfer: Transfer,
 }
 
 impl Source {
@@ -70,7 +70,7 @@ impl Source {
             corners.iter().rev().fold(0, |quad, &corner| (quad << 16) | u64::from(corner))
         };
         let quads = (0..h * w).map(quad).chain([u64::MAX]).collect();
-        Self { quads, width: w, height: h, transfer: PlaneTransfer::new(reference, view) }
+        Self { quads, width: w, height: h, transfer: Transfer::new(reference, view) }
     }
 }
 

@@ -13,10 +13,10 @@ use mde_warp::PosedView;
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3};
 
 use super::edge::colour;
+use crate::Result;
 use crate::raster::bilinear;
 use crate::statistics::robust_deviation;
-use crate::{Result, check_map};
-use mde_warp::transfer::PlaneTransfer;
+use mde_warp::transfer::Transfer;
 
 /// Fewer pairs than this fit no line.
 const MIN_PAIRS: usize = 64;
@@ -70,7 +70,7 @@ impl Exposure {
 pub fn fit_exposure(reference: &PosedView, view: &PosedView, depth: ArrayView2<'_, f32>) -> Result<Exposure> {
     reference.validate()?;
     view.validate()?;
-    check_map("depth", depth.dim(), &reference.camera)?;
+    reference.camera.check_map("depth", depth.dim())?;
     let there = carried(reference, view, depth);
     let pair = |((y, x), there): ((usize, usize), &Option<_>)| Some(((*there)?, colour(reference, y, x)));
     let pairs: Vec<_> = there.indexed_iter().filter_map(pair).collect();
@@ -84,7 +84,7 @@ pub(super) fn carried(
     view: &PosedView,
     depth: ArrayView2<'_, f32>,
 ) -> Array2<Option<[f32; 3]>> {
-    let transfer = PlaneTransfer::new(reference, view);
+    let transfer = Transfer::new(reference, view);
     Array2::from_shape_fn(depth.dim(), |(y, x)| {
         let z = depth[(y, x)];
         if !(z > 0.0 && z.is_finite() && reference.mask[(y, x)]) {

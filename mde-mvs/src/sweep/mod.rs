@@ -36,10 +36,10 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::raster::luma;
-use crate::{Error, Result, check_map};
+use crate::{Error, Result};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};
-use mde_warp::transfer::PlaneTransfer;
+use mde_warp::transfer::Transfer;
 use posterior::{Estimate, EstimateRow};
 
 /// Most sources that are compared with a reference: the nearest.
@@ -232,7 +232,7 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
             Ok((vec![1.0; pixels], [least, near.recip()], false))
         }
         Surfaces::Around { depth, factor } | Surfaces::Ladder { depth, factor } => {
-            check_map("depth", depth.dim(), &from.camera)?;
+            from.camera.check_map("depth", depth.dim())?;
             let sound = factor > 1.0 && factor.is_finite();
             OutOfRange::check(sound, "factor", &factor, "give a number above 1")?;
             let good = |z: f32| z > 0.0 && z.is_finite();
@@ -258,7 +258,7 @@ fn number_of_surfaces(
     let (height, width) = from.camera.dim();
     let mut longest = 0.0_f64;
     for source in sources {
-        let transfer = PlaneTransfer::new(from, source);
+        let transfer = Transfer::new(from, source);
         let mut paths = Vec::new();
         for y in (0..height).step_by(STRIDE) {
             for x in (0..width).step_by(STRIDE) {

@@ -6,7 +6,7 @@
 
 use mde_uncertainty::random::CounterRng;
 use mde_warp::PosedView;
-use mde_warp::transfer::PlaneTransfer;
+use mde_warp::transfer::Transfer;
 use nalgebra::{Matrix3, Vector3};
 use ndarray::{Array2, ArrayView2};
 use rand::RngExt;
@@ -16,7 +16,7 @@ use std::array::from_fn;
 use super::cost::NOISE;
 use super::edge::{alike, colour};
 use crate::raster::luma;
-use crate::{Error, Result, check_map};
+use crate::{Error, Result};
 
 /// Half the side of a patch, pixels, and pixels between its samples.
 const RADIUS: usize = 5;
@@ -100,7 +100,7 @@ struct Patch {
     variance: f32,
 }
 
-/// \\( A (u, v, 1)^\top + w t \\), as [`PlaneTransfer`] has it.
+/// \\( A (u, v, 1)^\top + w t \\), as [`Transfer`] has it.
 struct Projection {
     rotation: Matrix3<f32>,
     translation: Vector3<f32>,
@@ -108,7 +108,7 @@ struct Projection {
 
 impl Projection {
     fn new(from: &PosedView, to: &PosedView) -> Self {
-        let PlaneTransfer { rotation, translation, .. } = PlaneTransfer::new(from, to);
+        let Transfer { rotation, translation, .. } = Transfer::new(from, to);
         Self { rotation: rotation.cast(), translation: translation.cast() }
     }
 
@@ -454,7 +454,7 @@ pub fn refine_by_patches(views: &[PosedView], depths: &[ArrayView2<'_, f32>]) ->
     }
     for (view, depth) in views.iter().zip(depths) {
         view.validate()?;
-        check_map("depth", depth.dim(), &view.camera)?;
+        view.camera.check_map("depth", depth.dim())?;
     }
     let reference = Reference::new(views, depths);
     let slots = reference.height * reference.width.div_ceil(2);

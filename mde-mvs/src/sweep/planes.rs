@@ -16,8 +16,8 @@ use ndarray::{Array2, Zip};
 
 use super::cost::NOISE;
 use super::edge::colour;
+use crate::Result;
 use crate::raster::recursive_filter;
-use crate::{Result, check_map};
 
 /// Reach along a surface of one colour, as a share of the longer side.
 const REACH: f64 = 0.2;
@@ -43,7 +43,7 @@ type Moments = [f64; 11];
 /// # Errors
 /// [`Error::View`](crate::Error::View) for a map that is not of the photograph's size.
 pub fn with_planes(view: &PosedView, depth: &GaussianDepth) -> Result<GaussianDepth> {
-    check_map("depth", depth.dim(), &view.camera)?;
+    view.camera.check_map("depth", depth.dim())?;
     let longer = depth.dim().0.max(depth.dim().1) as f64;
     let reach = REACH * longer;
     let steps = [steps(view, reach, [0, 1]), steps(view, reach, [1, 0])];

@@ -18,7 +18,7 @@ use ndarray::ArrayView2;
 use std::collections::BTreeMap;
 
 use crate::statistics::robust_deviation;
-use crate::{Result, check_map, nearest_pixel};
+use crate::{Result, nearest_pixel};
 
 /// Patches along the longer side of an image.
 const PATCHES: usize = 10;
@@ -90,7 +90,7 @@ pub fn point_matches(
     prior: ArrayView2<'_, f32>,
 ) -> Result<Vec<Match>> {
     view.validate()?;
-    check_map("prior", prior.dim(), &view.camera)?;
+    view.camera.check_map("prior", prior.dim())?;
     let found = points.iter().filter_map(|point| {
         let there = view.pose * point;
         let at = nearest_pixel(&view.camera, &there)?;

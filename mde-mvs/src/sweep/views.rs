@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::baseline;
 use crate::poses::nearest;
 use crate::raster::luma;
-use crate::{Error, Result, check_map};
-use mde_warp::transfer::PlaneTransfer;
+use crate::{Error, Result};
+use mde_warp::transfer::Transfer;
 
 /// Pixels between two samples of the overlap, along each axis.
 const STRIDE: usize = 4;
@@ -65,7 +65,7 @@ pub fn select_views(
     max_views: usize,
 ) -> Result<Vec<ViewScore>> {
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
-    check_map("depth", depth.dim(), &from.camera)?;
+    from.camera.check_map("depth", depth.dim())?;
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let near: Vec<usize> = nearest(&poses, reference).into_iter().take(CANDIDATES).collect();
     near.iter().chain([&reference]).try_for_each(|&view| views[view].validate())?;
@@ -91,7 +91,7 @@ fn parallax_score(ratio: f64) -> f64 {
 
 /// Share of the reference's pixels that land on the view, and their median depth.
 fn overlap(from: &PosedView, to: &PosedView, depth: ArrayView2<'_, f32>) -> (f64, Option<f64>) {
-    let transfer = PlaneTransfer::new(from, to);
+    let transfer = Transfer::new(from, to);
     let (mut known, mut inside) = (0_usize, Vec::new());
     for (row, line) in depth.outer_iter().enumerate().step_by(STRIDE) {
         for (column, &z) in line.iter().enumerate().step_by(STRIDE) {

@@ -15,7 +15,7 @@ use crate::sweep::cost::NOISE;
 use crate::sweep::edge::colour;
 use crate::sweep::exposure::{carried, fit_exposure};
 use crate::sweep::scale::Scale;
-use crate::{Error, Result, check_map, silent};
+use crate::{Error, Result, silent};
 
 /// Longer side of the photographs that are compared.
 const SMALL: usize = 160;
@@ -73,7 +73,7 @@ pub fn withheld_error(
     let mut small = Vec::new();
     let mut maps = Vec::new();
     for (view, prior) in views.iter().zip(priors) {
-        check_map("prior", prior.dim(), &view.camera)?;
+        view.camera.check_map("prior", prior.dim())?;
         let view = small_view(view, SMALL)?;
         maps.push(small_map(prior, view.camera.dim()));
         small.push(view);
@@ -98,7 +98,7 @@ pub fn unused_error(
 ) -> Result<Option<WithheldError>> {
     let (from, to) = (small_view(reference, SMALL)?, small_view(target, SMALL)?);
     let of = |map: ArrayView2<'_, f32>| -> Result<Array2<f32>> {
-        check_map("depth", map.dim(), &reference.camera)?;
+        reference.camera.check_map("depth", map.dim())?;
         Ok(small_map(&map, from.camera.dim()))
     };
     let (found, gauged, prior) = (of(known.fused.mean())?, of(known.prior.mean())?, of(prior)?);

@@ -5,5 +5,4 @@ mod camera;
 mod reproject;
 mod sampling;
 mod support;
-mod transfer;
 mod warp;

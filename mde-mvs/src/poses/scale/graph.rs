@@ -67,8 +67,7 @@ impl Laplacian {
     }
 
     /// Values of which the Laplacian is `right`, up to a constant for each component.
-    pub(super) fn solve(&self, right: &[f64]) -> Vec<f64> {
-        let mut right = right.to_vec();
+    pub(super) fn solve(&self, mut right: Vec<f64>) -> Vec<f64> {
         for step in &self.steps {
             let own = right[step.node];
             step.shares.iter().for_each(|(i, share)| right[*i] += share * own);
@@ -110,7 +109,7 @@ impl Laplacian {
             inverse.extend(own.iter().flat_map(|&(i, value)| [([*node, i], value), ([i, *node], value)]));
         }
         // 1 everywhere but at the node that is held, whose row of G is 0.
-        let rows = self.solve(&vec![1.0; count]);
+        let rows = self.solve(vec![1.0; count]);
         let means = self.means(&rows);
         let variance = |i: usize| {
             let size = self.sizes[self.components[i]] as f64;

@@ -172,7 +172,7 @@ pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFa
     sorted.iter().for_each(|ratio| free[graph.components[ratio.first]] += 1);
     free.iter_mut().zip(&graph.sizes).for_each(|(free, size)| *free = free.saturating_sub(*size));
     for _ in 0..ROUNDS {
-        let next = graph.centred(graph.solve(&flow(photographs, &sorted, &weights)));
+        let next = graph.centred(graph.solve(flow(photographs, &sorted, &weights)));
         let moved = next.iter().zip(&logs).map(|(a, b): (&f64, &f64)| (a - b).abs()).fold(0.0, f64::max);
         logs = next;
         if moved < SETTLED {

@@ -16,13 +16,7 @@ pub(super) fn motion(
 ) -> Option<(Pose, f64)> {
     let essential = intrinsics(second).transpose() * f * intrinsics(first);
     let svd = essential.svd(true, true);
-    let (mut u, mut vt) = (svd.u?, svd.v_t?);
-    if u.determinant() < 0.0 {
-        u = -u;
-    }
-    if vt.determinant() < 0.0 {
-        vt = -vt;
-    }
+    let [u, vt] = [svd.u?, svd.v_t?].map(|m| if m.determinant() < 0.0 { -m } else { m });
     let direction: Vector3<f64> = u.column(svd.singular_values.imin()).into();
     let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
     let rays: Vec<_> = pairs.iter().map(|(p, q)| (first.ray(p, 0.0), second.ray(q, 0.0))).collect();

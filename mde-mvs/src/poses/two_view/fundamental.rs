@@ -127,15 +127,13 @@ fn null_space(mut a: SMatrix<f64, 7, 9>) -> Option<[SVector<f64, 9>; 2]> {
 
 /// Least squares over weighted pairs, then the nearest matrix of rank 2.
 fn weighted(pairs: &[PixelPair], weights: &[f64]) -> Option<Matrix3<f64>> {
+    if weights.iter().filter(|w| **w > 0.0).count() < 8 {
+        return None;
+    }
     let mut normal = SMatrix::<f64, 9, 9>::zeros();
-    let mut used = 0;
     for (pair, &weight) in pairs.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
         let row = row(pair);
         normal += row * row.transpose() * weight;
-        used += 1;
-    }
-    if used < 8 {
-        return None;
     }
     let eigen = DMatrix::from_column_slice(9, 9, normal.as_slice()).symmetric_eigen();
     let smallest = eigen.eigenvalues.imin();

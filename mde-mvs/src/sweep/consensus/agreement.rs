@@ -6,8 +6,8 @@ use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use std::borrow::Borrow;
 
-use crate::{Error, Result, check_map};
-use mde_warp::transfer::{PlaneTransfer, Seen};
+use crate::{Error, Result};
+use mde_warp::transfer::{Seen, Transfer};
 
 /// Distance in pixels, there and back, within which two photographs agree.
 const PIXELS: f64 = 1.0;
@@ -39,13 +39,13 @@ pub fn agreement<V: Borrow<PosedView>>(
         Ok((views.get(i).ok_or(missing(i))?.borrow(), *depths.get(i).ok_or(missing(i))?))
     };
     let (from, depth) = of(reference)?;
-    check_map("depth", depth.dim(), &from.camera)?;
+    from.camera.check_map("depth", depth.dim())?;
     let mut agree: Array2<u8> = Array2::zeros(depth.dim());
     let mut visible: Array2<u8> = Array2::zeros(depth.dim());
     for &other in others.iter().filter(|&&i| i != reference) {
         let (to, there) = of(other)?;
-        check_map("depth", there.dim(), &to.camera)?;
-        let (forth, back) = (PlaneTransfer::new(from, to), PlaneTransfer::new(to, from));
+        to.camera.check_map("depth", there.dim())?;
+        let (forth, back) = (Transfer::new(from, to), Transfer::new(to, from));
         let maps = [depth.mean(), there.mean()];
         let mut rows: Vec<_> = agree.outer_iter_mut().zip(visible.outer_iter_mut()).enumerate().collect();
         rows.par_iter_mut().for_each(|(y, (agree, visible))| {
@@ -69,7 +69,7 @@ pub fn agreement<V: Borrow<PosedView>>(
 
 /// The depth of a pixel, where it lands in another view, and the depth there.
 fn landed(
-    forth: &PlaneTransfer,
+    forth: &Transfer,
     [depth, there]: [ArrayView2<'_, f32>; 2],
     [x, y]: [usize; 2],
 ) -> Option<(f32, Seen, f32)> {
@@ -82,7 +82,7 @@ fn landed(
 /// Whether any of the others has the depth of a pixel of the first view; the maps, 0 where unknown, have the size of their views.
 pub(super) fn shown(views: &[&PosedView], depths: &[ArrayView2<'_, f32>]) -> Array2<bool> {
     let others = views.iter().zip(depths).skip(1);
-    let others: Vec<_> = others.map(|(to, there)| (PlaneTransfer::new(views[0], to), *there)).collect();
+    let others: Vec<_> = others.map(|(to, there)| (Transfer::new(views[0], to), *there)).collect();
     let by =
         |(y, x)| others.iter().any(|(forth, there)| landed(forth, [depths[0], *there], [x, y]).is_some());
     Array2::from_shape_fn(depths[0].dim(), by)

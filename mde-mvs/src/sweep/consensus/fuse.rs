@@ -3,7 +3,7 @@
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
-use mde_warp::transfer::PlaneTransfer;
+use mde_warp::transfer::Transfer;
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 
@@ -138,7 +138,7 @@ pub(super) fn inflation(maps: &[(&PosedView, &Map)]) -> f32 {
 
 /// Log depth and its variance of one view's verified pixels seen from another, the nearest where several land.
 fn splat((from, map): (&PosedView, &Map), to: &PosedView) -> Array2<(f32, f32)> {
-    let transfer = PlaneTransfer::new(from, to);
+    let transfer = Transfer::new(from, to);
     let mut out = Array2::from_elem(to.camera.dim(), (f32::INFINITY, f32::INFINITY));
     for ((y, x), &z) in map.depth.mean().indexed_iter() {
         let v = map.depth.variance()[(y, x)];

@@ -27,8 +27,6 @@ use crate::{Callback, Error, Result};
 pub struct ViewDepth {
     /// The gauged prior: in the unit of the poses, with its variance.
     pub prior: GaussianDepth,
-    /// Its own sweep.
-    pub sweep: Arc<Sweep>,
     /// The consensus, the sweep fused with the prior: depth and variance in the unit of the poses.
     pub fused: GaussianDepth,
     /// Counts over its sources.

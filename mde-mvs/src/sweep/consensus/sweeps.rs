@@ -16,7 +16,7 @@ use crate::raster::{enlarge, small_map, small_view};
 use crate::statistics::is_flat;
 use crate::sweep::scale::{Gauge, Scale};
 use crate::sweep::{Surfaces, Sweep, sweep, working_bytes};
-use crate::{Callback, Error, Result, check_map, notify};
+use crate::{Callback, Error, Result, notify};
 
 /// Longer side of the photographs on which scale, gauge and the smooth corrections are found.
 const SMALL: usize = 160;
@@ -71,7 +71,7 @@ struct Fine {
     gauge: Gauge,
     /// The gauged and corrected prior.
     centre: Array2<f32>,
-    sweep: Arc<Sweep>,
+    sweep: Sweep,
 }
 
 /// The consensus of a photograph with its sources.
@@ -120,7 +120,7 @@ impl Sweeps {
         let small = views.iter().enumerate().map(|(i, view)| {
             view.validate()?;
             let (prior, small) = (prior(i), small_view(view, SMALL)?);
-            check_map("prior", prior.dim(), &view.camera)?;
+            view.camera.check_map("prior", prior.dim())?;
             priors.push(small_map(&prior.view(), small.camera.dim()));
             Ok(small)
         });
@@ -194,10 +194,8 @@ impl Sweeps {
         let maps: Vec<_> = members.iter().map(|i| (&views[*i], &self.maps[i])).collect();
         let inflation = inflation(&maps);
         let of = |(&i, (_, map)): (&usize, (&PosedView, &Map))| -> Result<ViewDepth> {
-            let Fine { gauge, sweep, .. } = &self.fine[&i];
             Ok(ViewDepth {
-                prior: gauge.apply(prior(i).view())?,
-                sweep: sweep.clone(),
+                prior: self.fine[&i].gauge.apply(prior(i).view())?,
                 fused: map.depth.clone().map(|m, v| (m, inflation * v)),
                 agreement: map.agreement.clone(),
                 verified: map.verified,
@@ -287,7 +285,7 @@ impl Sweeps {
 
     /// Gauge and smooth correction of a prior by the small photographs, and the sweep about it.
     fn swept(&self, views: &[PosedView], view: usize, prior: Array2<f32>) -> Result<Fine> {
-        check_map("prior", prior.dim(), &views[view].camera)?;
+        views[view].camera.check_map("prior", prior.dim())?;
         let group = self.group(view);
         let coarse: Vec<&Coarse> = group.iter().map(|i| &self.coarse[i]).collect();
         let small: Vec<&PosedView> = group.iter().map(|&i| &self.small[i]).collect();
@@ -324,7 +322,7 @@ impl Sweeps {
         let prior = gauge.apply(prior.view())?;
         let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
         let around = Surfaces::Around { depth: centre.view(), factor: NARROW };
-        let sweep = Arc::new(sweep(views, view, &self.sources[view], around)?);
+        let sweep = sweep(views, view, &self.sources[view], around)?;
         Ok(Fine { gauge, centre, sweep })
     }
 }

@@ -10,7 +10,7 @@ fn reference_cost(setup: &Setup<'_>, x: usize, y: usize, multiple: f32) -> Optio
     let r = RADIUS;
     let mut costs = Vec::new();
     for source in setup.sources {
-        let transfer = PlaneTransfer::new(setup.reference, source);
+        let transfer = Transfer::new(setup.reference, source);
         let there = luma(source.image.view());
         let (bottom, right) = ((there.nrows() - 1) as f64, (there.ncols() - 1) as f64);
         let (mut a, mut b) = (Vec::new(), Vec::new());
