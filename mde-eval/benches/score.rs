@@ -4,13 +4,12 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mde_eval::scene::{Room, room};
 use mde_eval::score::{ScoreConfig, Subject, score};
-use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use mde_eval::simulated::{SimulatedPriorConfig, simulated_prior};
 use std::hint::black_box;
 
 fn scores(criterion: &mut Criterion) {
     let truth = room(Room::Study, 0, 640, 480).expect("a room").depth;
-    let simulated = SimulatedPrior::new(&truth, &SimulatedPriorConfig::default()).expect("a prior");
-    let prior = &simulated.prediction().map;
+    let prior = simulated_prior(&truth, &SimulatedPriorConfig::default()).expect("a prior").map;
     let sigma = prior.mapv(|d| 0.05 * d * d);
     let both = Subject::new(prior.view(), truth.view()).with_sigma(sigma.view());
     let config = ScoreConfig::default();

@@ -1,5 +1,6 @@
 //! Data sets: images with true depth and a camera.
 
+mod dense;
 mod files;
 mod kind;
 mod maps;
@@ -11,7 +12,9 @@ mod resized;
 mod rooms;
 mod shard;
 mod sunrgbd;
+mod truth;
 
+pub use dense::DenseResults;
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, map_pairs};
 pub use nyu::Nyu;
@@ -22,6 +25,7 @@ pub use resized::Resized;
 pub use rooms::{CaptureGrid, Captures, Rooms};
 pub use shard::Shard;
 pub use sunrgbd::SunRgbd;
+pub use truth::TrueDepth;
 
 use crate::capture::{Capture, CapturedView};
 use crate::raster::same_shape;

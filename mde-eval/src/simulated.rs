@@ -1,4 +1,4 @@
-//! Priors made from the truth, with the faults of monocular networks: a depth map, and a model that accepts crops.
+//! Predictions made from the truth, with the faults of monocular networks: of a depth map, and by a model that accepts crops.
 
 mod model;
 
@@ -7,14 +7,14 @@ pub use model::{SimulatedModel, SimulatedModelConfig};
 use crate::Result;
 use crate::error::check;
 use crate::raster::{blur_known, smallest};
-use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_prior::{DepthKind, PriorDepth};
 use mde_uncertainty::filter::Gaussian;
 use mde_uncertainty::random::CounterRng;
-use ndarray::{Array2, ArrayView3, Zip};
+use ndarray::{Array2, Zip};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
-/// Faults of a [`SimulatedPrior`].
+/// Faults of a [`simulated_prior`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPriorConfig {
     /// Kind of the predicted values: [`DepthKind::AffineDisparity`], or else metres.
@@ -62,69 +62,41 @@ const WAVELENGTH: f64 = 0.4;
 /// Gain of a disparity, and what is added to it, in units of its median.
 const DISPARITY: (f64, f64) = (700.0, -0.3);
 
-/// A prior for one image whose true depth \\(z\\) is known: thin things lost, edges soft, bent at low frequencies.
+/// A prediction for an image whose true depth \\(z\\), `[height, width]`, is known: thin things lost, edges soft, bent at low frequencies.
+/// Missing pixels (not positive or not finite) stay missing.
 ///
 /// \\[ \hat z = e^{\epsilon f} \Big/ \Bigl(G_\sigma * \frac{1}{\operatorname{close}_r z}\Bigr) \\]
 ///
 /// with \\(\operatorname{close}_r\\) the grey closing by a square (what is nearer than its surroundings and narrow takes
 /// their depth), \\(G_\sigma\\) a Gaussian and \\(f\\) a sum of long waves of mean 0 and variance 1 over the image. The
-/// prediction is \\(\hat z\\), or \\(s/\hat z + t\\) as a disparity, for any image of the map's size.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SimulatedPrior {
-    prediction: PriorDepth,
-}
-
-impl SimulatedPrior {
-    /// Spoils a true depth map `[height, width]`. Missing pixels (not positive or not finite) stay missing.
-    ///
-    /// # Errors
-    /// [`Error::Config`](crate::Error::Config); [`Error::Prior`](crate::Error::Prior) for a map without any depth.
-    pub fn new(truth: &Array2<f32>, config: &SimulatedPriorConfig) -> Result<Self> {
-        config.validate()?;
-        let valid = truth.mapv(|z| z > 0.0 && z.is_finite());
-        let width = truth.ncols() as f64;
-        let radius = (0.5 * config.lost_width * width).round() as usize;
-        let known =
-            Zip::from(truth).and(&valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
-        let closed = close(&known, radius).mapv(|z| if z > 0.0 { z.recip() } else { 0.0 });
-        let weights = valid.mapv(|valid| f64::from(u8::from(valid)));
-        let disparity = blur_known(&closed, &weights, Gaussian::new(config.blur * width, 4.0));
-        let waves = waves(truth.dim(), ("simulated-prior", config.seed, 0));
-        let depth = Zip::from(&disparity)
-            .and(&waves)
-            .and(&valid)
-            .map_collect(|&d, &f, &valid| if valid { (config.error * f).exp() / d } else { 0.0 });
-        let map = match config.kind {
-            DepthKind::AffineDisparity => {
-                let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip());
-                let middle = mde_uncertainty::statistics::median(disparities).unwrap_or(1.0);
-                let (scale, shift) = DISPARITY;
-                depth.mapv(|z| if z > 0.0 { scale * (z.recip() + shift * middle) } else { 0.0 })
-            }
-            _ => depth,
-        };
-        let prediction = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
-        Ok(Self { prediction })
-    }
-
-    /// Its prediction for the image.
-    pub fn prediction(&self) -> &PriorDepth {
-        &self.prediction
-    }
-}
-
-impl DepthPrior for SimulatedPrior {
-    /// # Errors
-    /// [`mde_prior::Error::Input`] for an image of another size.
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let ((height, width, _), (rows, columns)) = (image.dim(), self.prediction.map.dim());
-        if (height, width) == (rows, columns) {
-            return Ok(self.prediction.clone());
+/// prediction is \\(\hat z\\), or \\(s/\hat z + t\\) as a disparity.
+///
+/// # Errors
+/// [`Error::Config`](crate::Error::Config); [`Error::Prior`](crate::Error::Prior) for a map without any depth.
+pub fn simulated_prior(truth: &Array2<f32>, config: &SimulatedPriorConfig) -> Result<PriorDepth> {
+    config.validate()?;
+    let valid = truth.mapv(|z| z > 0.0 && z.is_finite());
+    let width = truth.ncols() as f64;
+    let radius = (0.5 * config.lost_width * width).round() as usize;
+    let known = Zip::from(truth).and(&valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
+    let closed = close(&known, radius).mapv(|z| if z > 0.0 { z.recip() } else { 0.0 });
+    let weights = valid.mapv(|valid| f64::from(u8::from(valid)));
+    let disparity = blur_known(&closed, &weights, Gaussian::new(config.blur * width, 4.0));
+    let waves = waves(truth.dim(), ("simulated-prior", config.seed, 0));
+    let depth = Zip::from(&disparity)
+        .and(&waves)
+        .and(&valid)
+        .map_collect(|&d, &f, &valid| if valid { (config.error * f).exp() / d } else { 0.0 });
+    let map = match config.kind {
+        DepthKind::AffineDisparity => {
+            let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip());
+            let middle = mde_uncertainty::statistics::median(disparities).unwrap_or(1.0);
+            let (scale, shift) = DISPARITY;
+            depth.mapv(|z| if z > 0.0 { scale * (z.recip() + shift * middle) } else { 0.0 })
         }
-        Err(mde_prior::Error::Input(format!(
-            "the simulated prior is {columns}x{rows} but the image is {width}x{height} (width x height); resize the image"
-        )))
-    }
+        _ => depth,
+    };
+    Ok(PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?)
 }
 
 /// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those; 0 is missing.
@@ -160,7 +132,6 @@ fn waves((height, width): (usize, usize), (purpose, seed, iteration): (&str, u64
 mod tests {
     use super::*;
     use crate::Error;
-    use ndarray::Array3;
 
     /// A wall at 3 m with a pole, three pixels wide, and a cupboard in front.
     fn truth() -> Array2<f32> {
@@ -176,7 +147,7 @@ mod tests {
     }
 
     fn made(config: &SimulatedPriorConfig) -> Array2<f32> {
-        SimulatedPrior::new(&truth(), config).unwrap().prediction.map
+        simulated_prior(&truth(), config).unwrap().map
     }
 
     #[test]
@@ -217,16 +188,14 @@ mod tests {
     }
 
     #[test]
-    fn missing_pixels_stay_missing_and_sizes_are_checked() {
+    fn missing_pixels_stay_missing() {
         let mut holes = truth();
         holes.row_mut(10).fill(0.0);
         holes[(0, 0)] = f32::NAN;
-        let prior = SimulatedPrior::new(&holes, &SimulatedPriorConfig::default()).unwrap();
-        assert!(prior.prediction.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
-        assert!(prior.predict(Array3::zeros((60, 80, 3)).view()).is_ok());
-        assert!(prior.predict(Array3::zeros((80, 60, 3)).view()).is_err());
-        assert!(SimulatedPrior::new(&Array2::zeros((4, 4)), &config()).is_err());
+        let prior = simulated_prior(&holes, &SimulatedPriorConfig::default()).unwrap();
+        assert!(prior.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
+        assert!(simulated_prior(&Array2::zeros((4, 4)), &config()).is_err());
         let bad = SimulatedPriorConfig { blur: f64::NAN, ..config() };
-        assert!(matches!(SimulatedPrior::new(&holes, &bad), Err(Error::Config(at)) if at.field == "blur"));
+        assert!(matches!(simulated_prior(&holes, &bad), Err(Error::Config(at)) if at.field == "blur"));
     }
 }

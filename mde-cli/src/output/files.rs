@@ -135,16 +135,14 @@ impl ResultFiles<'_> {
                 write_atomic(&folder.join("mesh.glb"), &glb::encode(&sure, png, unit))?;
             }
             Format::Transforms => {
-                let others =
-                    self.beside.others.iter().map(|other| (other, other.name.trim_end_matches(".png")));
-                let others: Vec<_> =
-                    others.map(|(other, name)| (other, format!("transforms/{name}"))).collect();
+                let place = |other: &Other| format!("transforms/{}", other.name.trim_end_matches(".png"));
+                let places: Vec<String> = self.beside.others.iter().map(place).collect();
                 let placed =
                     |camera, pose, folder| Placed { camera, pose, folder, png_scale: self.png.scale };
                 let mut views = vec![placed(view.camera, view.pose, "")];
-                for (other, name) in &others {
-                    self.write_warped(&subfolder(folder, name)?, other)?;
-                    views.push(placed(other.camera, other.pose, name));
+                for (other, place) in self.beside.others.iter().zip(&places) {
+                    self.write_warped(&subfolder(folder, place)?, other)?;
+                    views.push(placed(other.camera, other.pose, place));
                 }
                 transforms::write(&folder.join(transforms::FILE), &views)?;
             }

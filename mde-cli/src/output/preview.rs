@@ -256,7 +256,6 @@ mod tests {
     use mde_prior::format::DepthPng;
     use mde_uncertainty::GaussianDepth;
     use mde_warp::PinholeCamera;
-    use ndarray::Array2;
 
     fn colours(picture: &Array3<u8>, at: (usize, usize)) -> Colour {
         [0, 1, 2].map(|c| picture[(at.0, at.1, c)])

@@ -67,7 +67,6 @@ pub(crate) fn flow() -> ControlFlow<()> {
 /// A file or folder that is removed when a signal ends the program, until this is dropped.
 pub(crate) struct Guard(PathBuf);
 
-/// Names a file or folder to be removed when a signal ends the program.
 pub(crate) fn guard(path: &Path) -> Guard {
     hold().push(path.to_owned());
     Guard(path.to_owned())

@@ -56,11 +56,8 @@ pub fn main() -> ExitCode {
             ExitCode::from(interrupt::EXIT_CODE)
         }
         Err(error) => {
-            tell(&format!(
-                "{} {}",
-                console::style("error:").for_stderr().red().bold(),
-                visible(&message(&error))
-            ));
+            let begin = console::style("error:").for_stderr().red().bold();
+            tell(&format!("{begin} {}", visible(&message(&error))));
             if error.is::<Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }

@@ -93,24 +93,19 @@ pub(crate) struct Progress {
 impl Progress {
     /// Begins a run: starts its threads.
     pub(crate) fn start(args: &RunArgs) -> Result<Self> {
-        start_threads(args.threads.map(usize::from), false)?;
-        Ok(Self::new(args))
+        Self::start_with(args, false)
     }
 
-    /// The same for work [`side_by_side`](crate::program::side_by_side), for which this thread waits.
-    pub(crate) fn start_several(args: &RunArgs) -> Result<Self> {
-        start_threads(args.threads.map(usize::from), true)?;
-        Ok(Self::new(args))
-    }
-
-    fn new(args: &RunArgs) -> Self {
+    /// The same; whether this thread `waits` for work [`side_by_side`](crate::program::side_by_side).
+    pub(crate) fn start_with(args: &RunArgs, waits: bool) -> Result<Self> {
+        start_threads(args.threads.map(usize::from), waits)?;
         let mode = match (args.quiet, args.log_json) {
             (true, _) => Mode::Quiet,
             (_, true) => Mode::Json,
             _ if io::stderr().is_terminal() => Mode::Terminal,
             _ => Mode::Lines,
         };
-        Self { mode, ..Self::silent() }
+        Ok(Self { mode, ..Self::silent() })
     }
 
     /// One that prints nothing and keeps its warnings.

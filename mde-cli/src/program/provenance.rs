@@ -17,10 +17,9 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
 
 /// The command line, quoted for a shell where needed.
 pub(crate) fn command_line() -> String {
-    let arguments: Vec<_> = std::env::args_os().skip(1).collect();
-    let arguments: Vec<_> = arguments.iter().map(|argument| argument.to_string_lossy()).collect();
-    shlex::try_join(std::iter::once("mde").chain(arguments.iter().map(|argument| &**argument)))
-        .unwrap_or_default()
+    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+    let words: Vec<String> = std::iter::once("mde".to_owned()).chain(arguments).collect();
+    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_default()
 }
 
 /// The common part of the record of a command, with the warnings and seconds of the refinement that it is at.

@@ -21,17 +21,11 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
     // A network's metres have a scale of their own.
     let of_model = origin.model.is_some() && scene.known.is_none() && *unit != "capture";
     let depth = refinement.depth.mean();
-    let moved =
-        |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
-    let mut moves: Vec<f64> = depth.iter().zip(&refinement.prior).filter_map(moved).collect();
+    let moved = |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| (new / old - 1.0).abs());
+    let mut moves: Vec<f32> = depth.iter().zip(&refinement.prior).filter_map(moved).collect();
     let sigma = refinement.depth.sigma();
-    let known: Vec<f64> = sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
-    let relative: Vec<f64> = depth
-        .iter()
-        .zip(&sigma)
-        .filter(|(d, s)| **d > 0.0 && s.is_finite())
-        .map(|(d, s)| f64::from(s / d))
-        .collect();
+    let known = sigma.iter().copied().filter(|s| s.is_finite());
+    let relative = depth.iter().zip(&sigma).filter(|(d, s)| **d > 0.0 && s.is_finite()).map(|(d, s)| s / d);
     let percent =
         |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
     let unit = match *unit {

@@ -84,6 +84,15 @@ pub enum Event {
 /// Progress callback; `Break` cancels the run ([`Error::Interrupted`]).
 pub type Callback<'c> = dyn FnMut(&Event) -> ControlFlow<()> + 'c;
 
+/// Passes on the events of a field, with the number of the view and of all views.
+pub(crate) fn of_field(
+    callback: &mut Callback<'_>,
+    view: usize,
+    views: usize,
+) -> impl FnMut(&mde_nerf::FieldEvent) -> ControlFlow<()> {
+    move |event| callback(&Event::Field { event: *event, view, views })
+}
+
 /// Begins a stage of an iteration; the result is its start.
 pub(crate) fn begin(
     callback: &mut Callback<'_>,

@@ -26,7 +26,7 @@ use crate::refinement::predict::{Start, predict};
 use crate::refinement::views::synthesise;
 use crate::reports::{Component, IterationReport, Refinement};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
-use mde_nerf::{FieldEvent, RadianceField};
+use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;
 use mde_prior::augment::Progress;
 use mde_uncertainty::GaussianDepth;
@@ -130,19 +130,13 @@ impl Run<'_, '_> {
         report.seconds.warp = start.elapsed().as_secs_f64();
 
         let start = self.begin(Stage::Fit, index)?;
-        let callback = &mut *self.callback;
-        let mut listen = |event: &FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
-        report.fit = field.fit(&views, &mut listen)?;
+        report.fit = field.fit(&views, &mut event::of_field(self.callback, 0, 0))?;
         report.seconds.fit = start.elapsed().as_secs_f64();
         drop(views);
 
         let start = self.begin(Stage::Render, index)?;
-        let callback = &mut *self.callback;
-        let mut listen = |event: &FieldEvent, view: usize, views: usize| {
-            callback(&Event::Field { event: *event, view, views })
-        };
         let seen =
-            views::render(&*field, self.camera, median_depth(current)?, self.config, index, &mut listen)?;
+            views::render(&*field, self.camera, median_depth(current)?, self.config, index, self.callback)?;
         report.seconds.render = start.elapsed().as_secs_f64();
 
         let start = self.begin(Stage::Fuse, index)?;
@@ -183,14 +177,10 @@ pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>
 
 /// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over pixels known to both, if any.
 fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
-    let (field, prior): (Vec<f64>, Vec<f64>) = field
-        .mean()
-        .iter()
-        .zip(field.variance())
-        .zip(prior)
-        .filter(|&((_, variance), prior)| variance.is_finite() && *prior > 0.0)
-        .map(|((mean, _), prior)| (f64::from(*mean), f64::from(*prior)))
-        .unzip();
+    let both = field.mean().into_iter().zip(field.variance()).zip(prior);
+    let both = both.filter(|((_, variance), prior)| variance.is_finite() && **prior > 0.0);
+    let (field, prior): (Vec<f64>, Vec<f64>) =
+        both.map(|((mean, _), prior)| (f64::from(*mean), f64::from(*prior))).unzip();
     if field.is_empty() {
         return Ok((None, None));
     }

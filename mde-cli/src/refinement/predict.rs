@@ -1,6 +1,6 @@
 //! The prior's stage (III.B): a single prediction, or test-time augmentation with its variance.
 
-use crate::config::{Config, SigmaConfig};
+use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::reports::{AugmentationReport, Component};
 use mde_prior::augment::{Plan, Predictions, Progress};
@@ -66,14 +66,7 @@ pub(crate) fn predict(
         return single(prior, certainty, report);
     }
     let depth = augmented.depth(&config.disparity)?;
-    let (components, variance) = variance(
-        &augmented,
-        prior.view(),
-        depth.view(),
-        &config.sigma,
-        config.fusion.common_error,
-        &mut report,
-    )?;
+    let (components, variance) = variance(&augmented, prior.view(), depth.view(), config, &mut report)?;
     Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, certainty, report })
 }
 
@@ -108,8 +101,7 @@ fn variance(
     augmented: &Augmented,
     prior: ArrayView2<'_, f32>,
     depth: ArrayView2<'_, f32>,
-    config: &SigmaConfig,
-    common: f64,
+    config: &Config,
     report: &mut AugmentationReport,
 ) -> Result<(Vec<Component>, Array2<f32>)> {
     let spread = augmented.relative_spread(depth)?;
@@ -118,12 +110,13 @@ fn variance(
         .map_collect(|&z, &o| if z > 0.0 && o > 0.0 { (z / o).ln().abs() } else { 0.0 });
     let middle = |map: &Array2<f32>| median(map.iter().copied().filter(|v| v.is_finite()));
     (report.median_spread, report.median_change) = (middle(&spread), middle(&change));
-    let blur = Gaussian::new(config.blur * depth.ncols() as f64, 3.0);
+    let blur = Gaussian::new(config.sigma.blur * depth.ncols() as f64, 3.0);
     let squared = |share: &Array2<f32>, gain: f64| {
         let raw = share.mapv(|s| (gain as f32 * s).powi(2));
         gaussian_blur(raw.view(), blur, blur, Border::Mirror)
     };
-    let [spread, change] = [squared(&spread, config.spread), squared(&change, config.disagreement)];
+    let [spread, change] =
+        [squared(&spread, config.sigma.spread), squared(&change, config.sigma.disagreement)];
     let variance = Zip::from(depth).and(&spread).and(&change).map_collect(|&z, &s, &d| {
         // Predictions that agree still share an error: no depth is exact.
         if z > 0.0 { ((s + d).max(1e-6) * z * z).max(f32::MIN_POSITIVE) } else { f32::INFINITY }
@@ -131,6 +124,7 @@ fn variance(
     let own = Zip::from(&spread).and(&change).map_collect(|&s, &d| (s + d).max(0.0).sqrt());
     let own = own.iter().zip(depth).filter(|(s, z)| **z > 0.0 && s.is_finite());
     let own = median(own.map(|(s, _)| f64::from(*s))).unwrap_or(0.0);
+    let common = config.fusion.common_error;
     report.common_error = Some(if common > 0.0 { common.hypot(SHARED * own) } else { 0.0 });
     let component = |name, squared: &Array2<f32>| {
         let sigma = Zip::from(depth)

@@ -243,9 +243,7 @@ mod tests {
         let error = |known: &[KnownDepth], of_disparity| {
             refinement(&depth, 0.05).scaled_to(known, of_disparity).err().unwrap().to_string()
         };
-        assert!(error(&one, true).contains("give 2 or more"));
         assert!(error(&[KnownDepth { depth: -1.0, ..one[0] }], false).contains("no positive number"));
-        assert!(error(&[KnownDepth { x: 400.0, ..one[0] }], false).contains("0 of 1"));
         for (factor, log_sigma) in
             [(0.0, 0.1), (f64::NAN, 0.1), (f64::INFINITY, 0.1), (2.0, -0.1), (2.0, f64::NAN)]
         {

@@ -2,13 +2,13 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result};
-use mde_nerf::{FieldEvent, RadianceField};
+use crate::refinement::event::{Callback, of_field};
+use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, WarpReport, reproject, sample_poses};
 use ndarray::ArrayView3;
-use std::ops::ControlFlow;
 
 /// The training views of an iteration (Section III.A, Eq. 1), by [`mde_warp::synthesise`].
 ///
@@ -34,7 +34,7 @@ pub(super) fn render(
     scale: f64,
     config: &Config,
     iteration: usize,
-    callback: &mut dyn FnMut(&FieldEvent, usize, usize) -> ControlFlow<()>,
+    callback: &mut Callback<'_>,
 ) -> Result<Vec<GaussianDepth>> {
     let seed = derived_seed(config.seed, "novel-poses", iteration as u64);
     let mut poses = sample_poses(&config.novel_views(), scale, seed)?;
@@ -44,7 +44,7 @@ pub(super) fn render(
     let rules = ReprojectConfig { tear: config.warp.tear, ..ReprojectConfig::default() };
     let mut seen = Vec::with_capacity(poses.len());
     for (view, pose) in poses.iter().enumerate() {
-        let mut listen = |event: &FieldEvent| callback(event, view, poses.len());
+        let mut listen = of_field(callback, view, poses.len());
         let rendered = field.render(camera, pose, &mut listen)?;
         seen.push(reproject(&rendered.depth, camera, pose, camera, &Pose::identity(), &rules)?);
     }

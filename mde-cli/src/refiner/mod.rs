@@ -8,13 +8,13 @@
 //! use mde_cli::scene::camera::{CameraSource, KnownCamera};
 //! use mde_cli::{OpenPrior, Photograph, Preset, Refiner, Scene, Settings};
 //! use mde_eval::scene::{Room, room};
-//! use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
-//! use mde_cli::mde_prior::DepthKind;
+//! use mde_eval::simulated::{SimulatedPriorConfig, simulated_prior};
+//! use mde_cli::mde_prior::{DepthKind, FilePrior};
 //!
 //! let room = room(Room::Study, 0, 64, 48)?;
-//! let simulated = SimulatedPrior::new(&room.depth, &SimulatedPriorConfig::default())?;
+//! let simulated = simulated_prior(&room.depth, &SimulatedPriorConfig::default())?;
 //! let origin = PriorOrigin::new(PriorForm::Simulated, DepthKind::Metric, "simulated");
-//! let prior = OpenPrior::given(Box::new(simulated), origin);
+//! let prior = OpenPrior::map(FilePrior::of_map("simulated", simulated), origin);
 //! let refiner = Refiner::new(&prior, Settings::new(Preset::Default))?;
 //!
 //! let camera = KnownCamera { camera: room.camera, source: CameraSource::Scene };
@@ -297,7 +297,7 @@ pub struct Prepared<'s> {
 }
 
 impl<'s> Prepared<'s> {
-    /// For one result, as [`PreparedScene::once`].
+    /// For one result at most, as [`PreparedScene::once`].
     #[must_use]
     pub fn once(self) -> Self {
         Self { several: self.several.map(PreparedScene::once), ..self }

@@ -2,7 +2,7 @@
 
 use crate::config::{Config, Order};
 use crate::error::{Error, Result};
-use crate::refinement::event::{Callback, Event, Stage, begin};
+use crate::refinement::event::{Callback, Event, Stage, begin, of_field};
 use crate::refinement::refine;
 use crate::refinement::stages::Stages;
 use crate::reports::Refinement;
@@ -12,7 +12,7 @@ use crate::scene::Scene;
 use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
 use crate::several::{cameras, novel, priors, result, withheld};
-use mde_fusion::BayesFuser;
+use mde_fusion::{BayesFuser, Fuser};
 use mde_mvs::consensus::{Reconstruction, Sweeps, ViewDepth};
 use mde_mvs::evidence::Evidence;
 use mde_mvs::exposure::{Exposure, fit_exposure};
@@ -100,10 +100,10 @@ impl<'s> PreparedScene<'s> {
         Ok(Self { scene, config, priors, posed, plan, sweeps: None, scale, report, once: false })
     }
 
-    /// For one result: what only further ones would need is dropped on the way.
+    /// For one result at most: what only further ones would need is dropped, now and on the way.
     #[must_use]
     pub fn once(self) -> Self {
-        Self { once: true, ..self }
+        Self { once: true, sweeps: None, ..self }
     }
 
     /// The photographs.
@@ -212,6 +212,7 @@ impl<'s> PreparedScene<'s> {
             report.seconds.sweep = start.elapsed().as_secs_f64();
             return self.alone(photograph, stages, report, callback);
         }
+        let fused: Vec<&GaussianDepth> = std::iter::once(&own.fused).chain(&others).collect();
         equalise(&mut views, own, &order, &mut report)?;
         report.seconds.sweep = start.elapsed().as_secs_f64();
 
@@ -219,22 +220,14 @@ impl<'s> PreparedScene<'s> {
         if config.refinement.iterations > 0 {
             let start = begin(callback, Stage::Fit, 0, iterations)?;
             let mut fitted = stages.field(config, 0)?;
-            let fused = std::iter::once(&own.fused).chain(&others);
-            views.iter_mut().zip(fused).for_each(|(view, fused)| view.hypotheses.push(fused.clone()));
-            report.fit = Some(fitted.fit(&views, &mut |event: &mde_nerf::FieldEvent| {
-                callback(&Event::Field { event: *event, view: 0, views: 0 })
-            })?);
+            views.iter_mut().zip(&fused).for_each(|(view, fused)| view.hypotheses.push((*fused).clone()));
+            report.fit = Some(fitted.fit(&views, &mut of_field(callback, 0, 0))?);
             views.iter_mut().for_each(|view| view.hypotheses.clear());
             report.seconds.fit = start.elapsed().as_secs_f64();
 
             let start = begin(callback, Stage::Render, 0, iterations)?;
-            rendered = Some(fitted.render(
-                &views[0].camera,
-                &views[0].pose,
-                &mut |event: &mde_nerf::FieldEvent| {
-                    callback(&Event::Field { event: *event, view: 0, views: 1 })
-                },
-            )?);
+            rendered =
+                Some(fitted.render(&views[0].camera, &views[0].pose, &mut of_field(callback, 0, 1))?);
             report.seconds.render = start.elapsed().as_secs_f64();
             if let Some(candidate) = &mut candidate {
                 if !candidate.withheld {
@@ -242,10 +235,8 @@ impl<'s> PreparedScene<'s> {
                     let at = order.iter().position(|index| *index == candidate.index);
                     candidate.view = at.map_or_else(|| candidate.view.clone(), |at| views[at].clone());
                 }
-                let mut notify = |event: &mde_nerf::FieldEvent| {
-                    callback(&Event::Field { event: *event, view: 1, views: 2 })
-                };
-                report.novel = Some(novel::compare(candidate, &views[0], own, &*fitted, &mut notify)?);
+                let mut listen = of_field(callback, 1, 2);
+                report.novel = Some(novel::compare(candidate, &views[0], own, &*fitted, &mut listen)?);
             }
             field = Some(fitted);
         }
@@ -255,14 +246,10 @@ impl<'s> PreparedScene<'s> {
         let (mut depth, parts) = combine(own, inflation, &views, &covariances, of_field, factor)?;
         let of_part = |(name, sigma)| Component { name, sigma };
         let mut components: Vec<_> = COMPONENTS.into_iter().zip(parts).map(of_part).collect();
-        let printed = match (&rendered, stages.fuser, config.refinement.order) {
-            (Some(rendered), Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
-            (Some(rendered), None, Order::Paper) => {
-                Some(result::printed(&BayesFuser::new(config.fusion.clone())?, &prior, rendered, factor)?)
-            }
-            (None, ..) | (_, None, Order::Poses) => None,
-        };
-        if let Some(fused) = printed {
+        let bayes = BayesFuser::new(config.fusion.clone())?;
+        let usual = (config.refinement.order == Order::Paper).then_some(&bayes as &dyn Fuser);
+        if let Some((rendered, fuser)) = rendered.as_ref().zip(stages.fuser.or(usual)) {
+            let fused = result::printed(fuser, &prior, rendered, factor)?;
             components = vec![Component { name: "field", sigma: fused.aligned.sigma() }];
             report.fusion = Some(fused.report);
             depth = fused.depth;
@@ -270,7 +257,6 @@ impl<'s> PreparedScene<'s> {
             depth = result::refined(&depth, &mut components, &views, &others, factor)?;
         }
         report.place(&views, &order, factor);
-        let fused: Vec<&GaussianDepth> = std::iter::once(&own.fused).chain(&others).collect();
         let evidence =
             Evidence::new(&views, &fused, rendered.as_ref().map(|rendered| &rendered.depth), &depth, factor)?;
         if report.fusion.is_none() {
@@ -284,13 +270,7 @@ impl<'s> PreparedScene<'s> {
 
     /// Its place among the posed views, or why it has none.
     fn place(&self, photograph: usize) -> std::result::Result<usize, String> {
-        let Some(posed) = &self.posed else {
-            return Err(self
-                .report
-                .fallback
-                .clone()
-                .unwrap_or_else(|| "no photograph has a pose".to_owned()));
-        };
+        let Some(posed) = &self.posed else { return Err(self.report.fallback.clone().unwrap_or_default()) };
         let verdict = || format!("no pose: {}", self.report.photographs[photograph].verdict);
         let place = posed.order.iter().position(|&index| index == photograph).ok_or_else(verdict)?;
         if self.plan[place].own.len() < 2 {

@@ -34,6 +34,17 @@ fn several_photographs_need_no_network() {
     assert!(error < 0.05, "{error}");
     place.run("dense transforms.json --no-nerf --export mesh -q -o all");
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
+    // Scored against the true depths that the capture's file names: here that of the first photograph.
+    let mut capture = place.json("transforms.json");
+    capture["frames"][0]["depth_file_path"] = "truth.npy".into();
+    place.save("truth.npy", &STUDY.truth);
+    place.write("truth.json", capture.to_string());
+    place.prints("score all --gt truth.json -o scores", 0, "3.png: no truth");
+    let summary = place.json("scores/summary.json");
+    let of_cloud = |i: usize, key: &str| summary["made_from"]["cloud"][i][key].as_f64().unwrap();
+    assert!(of_cloud(2, "accuracy") > 0.8 && of_cloud(2, "completeness") > 0.8, "{}", summary["made_from"]);
+    assert!(of_cloud(0, "f") < of_cloud(1, "f") && of_cloud(1, "f") < of_cloud(2, "f"));
+    place.refused("score all --gt truth.json --sigma all -o none", "--sigma");
     let page = place.text("all/index.html");
     assert!(page.contains("id=\"capture\"") && page.contains("\"folder\":\"3\""), "no view of the capture");
     assert!(page.contains("\"triangles\":"), "no surface of the capture");

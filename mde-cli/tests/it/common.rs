@@ -9,6 +9,7 @@ use mde_cli::mde_prior::DisparityRule;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::ndarray::{Array2, ArrayView3};
+use mde_cli::output::folder::files_in;
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{Room, Scene, room};
 use serde_json::Value;
@@ -233,16 +234,11 @@ pub(crate) fn shared() -> PathBuf {
     folder.expect("MDE_SHARED names the folder with the networks and photographs").into()
 }
 
-/// Copies a folder with what is in it.
+/// Copies a folder with the files in it.
 pub(crate) fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for name in names(from) {
-        let (from, to) = (from.join(&name), to.join(&name));
-        if from.is_dir() {
-            copy(&from, &to);
-        } else {
-            fs::copy(from, to).unwrap();
-        }
+    for name in files_in(from).unwrap() {
+        fs::create_dir_all(to.join(&name).parent().unwrap()).unwrap();
+        fs::copy(from.join(&name), to.join(&name)).unwrap();
     }
 }
 

@@ -104,20 +104,17 @@ fn a_refinement_does_not_depend_on_threads_or_on_the_prior_format() {
     assert!(odd.contains("131") && odd.contains(grids));
     place.write("mlp.toml", odd.replace(grids, "kind = 'mlp', layers = 2"));
     place.write("tiny.toml", odd);
-    for (run, rest) in [
-        ("--prior-depth depth.npy --config tiny.toml --preset default", ""),
-        ("--prior-depth depth.npy --config tiny.toml --preset fast", ""),
-        ("--prior-depth depth.npy --config tiny.toml --preset paper", ""),
-        ("--prior-depth depth.npy --config mlp.toml --preset paper", ""),
-        ("--prior-depth depth.npy --config tiny.toml", "npy npy pfm exr npz"),
+    for run in [
+        "--prior-depth depth.npy --config tiny.toml --preset default",
+        "--prior-depth depth.npy --config tiny.toml --preset fast",
+        "--prior-depth depth.npy --config tiny.toml --preset paper",
+        "--prior-depth depth.npy --config mlp.toml --preset paper",
         #[cfg(feature = "onnx")]
-        ("--prior-model grey.onnx --model-profile fastdepth --predictions 5", ""),
+        "--prior-model grey.onnx --model-profile fastdepth --predictions 5",
     ] {
-        let threads = [1, 5, 3].map(|threads| (run.to_owned(), threads));
-        let formats = rest.split_whitespace().map(|kind| (run.replace("npy", kind), 2));
-        let runs: Vec<_> = if rest.is_empty() { threads.to_vec() } else { formats.collect() };
         let mut first = None;
-        for (run, threads) in runs {
+        for (threads, format) in [(1, "npy"), (5, "pfm"), (3, "exr"), (2, "npz")] {
+            let run = run.replace("npy", format);
             let mut command = place.mde(&format!("refine image.png {run} --fov 60 -q --force -o same"));
             // By the flag or the variable.
             match threads {

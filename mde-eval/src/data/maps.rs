@@ -1,4 +1,5 @@
 use super::files::{files_with, id, is_hidden, layout, walk};
+use super::truth::TrueDepth;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,14 +7,14 @@ use std::path::{Path, PathBuf};
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
 
 /// A predicted depth map, its truth, and its standard deviation if there is one.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MapPair {
     /// The path below the folder without its extension.
     pub id: String,
     /// The predicted depth.
     pub prediction: PathBuf,
     /// The true depth.
-    pub truth: PathBuf,
+    pub truth: TrueDepth,
     /// The predicted standard deviation.
     pub sigma: Option<PathBuf>,
 }
@@ -34,7 +35,7 @@ pub fn map_pairs(
     let sigma_of = sigmas.map(|folder| Ok::<_, Error>((folder, maps(folder)?))).transpose()?;
     let (mut pairs, mut unmatched) = (Vec::new(), Vec::new());
     for (id, prediction) in predicted {
-        let Some(truth) = truth_of.get(&id).cloned() else {
+        let Some(truth) = truth_of.get(&id).cloned().map(TrueDepth::of_file) else {
             unmatched.push(id);
             continue;
         };

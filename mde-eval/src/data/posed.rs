@@ -1,15 +1,13 @@
-use super::files::{Scenes, layout, read_json, same_size};
+use super::files::{Scenes, layout, read_json};
+use super::truth::TrueDepth;
 use super::{DataSet, Sample};
 use crate::Result;
 use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
 use crate::error::check;
-use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
-use mde_prior::format::{ReadOptions, read_depth};
+use mde_mvs::capture::{PixelCentres, read_transforms};
 use mde_prior::photo::{image_size, read_image};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
-use nalgebra::Point2;
-use ndarray::{Array2, ArrayView2};
 use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -101,21 +99,10 @@ impl Posed {
             Ok(CapturedView { view, prior: None, true_pose: None })
         };
         let views = order.map(view).collect::<Result<Vec<_>>>()?;
-        let lens = read.frames[reference].lens;
-        let file = depths["frames"][reference]["depth_file_path"].as_str();
-        let unnamed = || fault(format!("names no depth_file_path for frame {reference}, the reference"));
-        let file = file.ok_or_else(unnamed)?;
-        let units = &depths["depth_units_per_metre"];
-        let scale = if units.is_null() { Some(1000.0) } else { units.as_f64() };
-        let Some(scale) = scale.filter(|scale| *scale > 0.0) else {
-            return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
-        };
-        let options = ReadOptions { png_scale: Some(scale), ..ReadOptions::default() };
-        let depth_path = scene.join(file);
-        let depth = read_depth(&depth_path, &options)?;
-        let (height, width) = lens.camera.dim();
-        same_size(&depth_path, depth.dim(), (height, width, 3))?;
-        let truth = undistorted(depth.view(), &lens);
+        let frame = &read.frames[reference];
+        let truth = TrueDepth::of_frame(&path, &depths, frame)?
+            .ok_or_else(|| fault(format!("names no depth_file_path for {}", frame.photograph.display())))?;
+        let truth = truth.read()?;
         let middle = median(truth.iter().copied().filter(|z| *z > 0.0));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
@@ -135,21 +122,6 @@ fn describe(scene: &Path) -> Result<Description> {
         Some(z) => Err(layout(&path, format!("max_depth is {z}; use a positive finite number of metres"))),
         None => Ok(description),
     }
-}
-
-/// The depth of the photograph's nearest pixel at each pixel of the pinhole camera, which has the same axes; 0 without one.
-fn undistorted(depth: ArrayView2<'_, f32>, lens: &Lens) -> Array2<f32> {
-    if lens.distortion.is_none() {
-        return depth.to_owned();
-    }
-    Array2::from_shape_fn(depth.dim(), |(y, x)| {
-        let Some(at) = lens.photograph_pixel(Point2::new(x as f64, y as f64)) else { return 0.0 };
-        let (row, column) = (at.y.round(), at.x.round());
-        if row < 0.0 || column < 0.0 {
-            return 0.0;
-        }
-        depth.get((row as usize, column as usize)).copied().unwrap_or(0.0)
-    })
 }
 
 impl DataSet for Posed {

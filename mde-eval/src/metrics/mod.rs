@@ -5,6 +5,7 @@
 
 pub mod boundary;
 pub mod calibration;
+pub mod cloud;
 pub mod dbe;
 pub mod depth;
 pub mod edges;

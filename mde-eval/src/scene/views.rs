@@ -2,7 +2,7 @@ use super::World;
 use super::solid::Ray;
 use crate::capture::{Capture, CapturedView, POSE_NOISES, direction, disturbed};
 use crate::error::check;
-use crate::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use crate::simulated::{SimulatedPriorConfig, simulated_prior};
 use crate::{Error, Result};
 use mde_uncertainty::OutOfRange;
 use mde_uncertainty::random::{CounterRng, derived_seed};
@@ -99,7 +99,7 @@ impl World {
             let mask = Array2::from_elem(camera.dim(), true);
             views.push(CapturedView {
                 view: PosedView::new(image, camera, given, mask, Vec::new())?,
-                prior: Some(SimulatedPrior::new(&scene.depth, &faults)?.prediction().clone()),
+                prior: Some(simulated_prior(&scene.depth, &faults)?),
                 true_pose: Some(pose),
             });
         }

@@ -10,7 +10,7 @@ use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
 use mde_eval::scene::{CaptureConfig, Room, World, room};
 use mde_eval::score::{ScoreConfig, Subject, score};
-use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use mde_eval::simulated::{SimulatedPriorConfig, simulated_prior};
 use mde_eval::{Error, Result, Task, TaskView};
 use mde_uncertainty::statistics::median;
 use proptest::prelude::*;
@@ -146,7 +146,7 @@ fn unsharp_masking_raises_sharpness_and_fixed_f1_but_hardly_f1_max() {
         let scene = room(kind, 0, 320, 240).unwrap();
         let truth = scene.depth;
         let soft = SimulatedPriorConfig { blur: 0.018, ..SimulatedPriorConfig::default() };
-        let prior = SimulatedPrior::new(&truth, &soft).unwrap().prediction().map.clone();
+        let prior = simulated_prior(&truth, &soft).unwrap().map;
         let sharpened = run("unsharp0.4", &scene.image, &prior).unwrap();
         let scored = |depth: &Array2<f32>| {
             score(&Subject::new(depth.view(), truth.view()), &ScoreConfig::default()).unwrap()

@@ -65,8 +65,7 @@ pub(super) const IMAGE: &str = "image.png";
 /// A folder within another, made where it is missing.
 pub(super) fn subfolder(folder: &Path, name: &str) -> Result<PathBuf> {
     let path = folder.join(name);
-    match fs::create_dir_all(&path) {
-        Ok(()) => Ok(path),
-        Err(error) => Err(Error::external(format!("{}: can't make this folder: {error}", path.display()))),
-    }
+    let fault = |error| Error::external(format!("{}: can't make this folder: {error}", path.display()));
+    fs::create_dir_all(&path).map_err(fault)?;
+    Ok(path)
 }

@@ -169,11 +169,11 @@ pub(crate) enum Simulated {
     after_help = include_str!("help/score.txt").trim_end()
 )]
 pub(crate) struct ScoreMapsArgs {
-    /// A folder of depth maps to score
+    /// A folder of depth maps to score, or that of mde dense
     #[arg(value_name = "PRED")]
     pub(crate) pred: PathBuf,
-    /// A folder with ground truth of the same names, metres; 0: missing
-    #[arg(long, value_name = "DIR")]
+    /// A folder with ground truth of the same names, metres; 0: missing; of mde dense a transforms.json with a depth_file_path of each frame
+    #[arg(long, value_name = "PATH")]
     pub(crate) gt: PathBuf,
     /// A folder with their standard deviations, in the depth's unit
     #[arg(long, value_name = "DIR")]

@@ -1,11 +1,6 @@
 use super::*;
 use crate::program::args::values::{focal, grid};
 
-#[test]
-fn the_command_line_is_consistent() {
-    Cli::command().debug_assert();
-}
-
 /// What everyone needs comes first, what few need last.
 #[test]
 fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {

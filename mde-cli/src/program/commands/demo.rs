@@ -10,8 +10,8 @@ use crate::scene::{CameraSource, KnownCamera, Photograph, Scene};
 use anyhow::Result;
 use mde_eval::capture::CapturedView;
 use mde_eval::scene::{CaptureConfig, Room, World, room};
-use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior};
+use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPriorConfig, simulated_prior};
+use mde_prior::{DepthKind, DepthPrior, FilePrior};
 use ndarray::Array2;
 use std::path::Path;
 
@@ -71,7 +71,7 @@ fn photograph([width, height]: [usize; 2], seed: u64, progress: &mut Progress) -
     progress.step(&format!("a {ROOM} of {width}x{height} pixels"));
     let room = room(ROOM, seed, width, height)?;
     let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
-    let prior = SimulatedPrior::new(&room.depth, &faults)?;
+    let prior = FilePrior::of_map("simulated", simulated_prior(&room.depth, &faults)?);
     let camera = KnownCamera { camera: room.camera, source: CameraSource::Scene };
     let scene = Scene::one(Photograph::new("0.png", room.image, camera));
     Ok((scene, room.depth, simulated(prior, faults.kind)))

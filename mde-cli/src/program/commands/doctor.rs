@@ -65,16 +65,14 @@ fn time(prior: &OpenPrior<'_>) -> Result<()> {
     let seconds = start.elapsed().as_secs_f64();
     let usual = Preset::Default.config().augmentation.predictions;
     let predictions = Plan::new(usual, USUAL, prior.prior().resolution(USUAL.0, USUAL.1)).predictions();
-    print(
-        "runtime",
-        &format!(
-            "{}: {alone:.3} s a prediction; a photograph of {}x{} takes {predictions} by default, about {:.1} s",
-            prior.origin().runtime.as_deref().unwrap_or("-"),
-            USUAL.1,
-            USUAL.0,
-            (predictions as f64 / at_once as f64).ceil() * seconds
-        ),
+    let text = format!(
+        "{}: {alone:.3} s a prediction; a photograph of {}x{} takes {predictions} by default, about {:.1} s",
+        prior.origin().runtime.as_deref().unwrap_or("-"),
+        USUAL.1,
+        USUAL.0,
+        (predictions as f64 / at_once as f64).ceil() * seconds
     );
+    print("runtime", &text);
     Ok(())
 }
 

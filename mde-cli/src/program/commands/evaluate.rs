@@ -15,7 +15,7 @@ use serde_json::json;
 const CALIBRATION: &str = "calibration.toml";
 
 pub(super) fn eval(args: &EvalArgs) -> Result<()> {
-    let mut progress = Progress::start_several(&args.common.run)?;
+    let mut progress = Progress::start_with(&args.common.run, true)?;
     let methods = Method::parse_list(&args.methods, args.seed)?;
     let request = Request {
         command: "eval",
@@ -35,7 +35,7 @@ pub(super) fn eval(args: &EvalArgs) -> Result<()> {
 }
 
 pub(super) fn ablate(args: &AblateArgs) -> Result<()> {
-    let mut progress = Progress::start_several(&args.common.run)?;
+    let mut progress = Progress::start_with(&args.common.run, true)?;
     let base = overridden(args.preset, &args.config)?;
     let methods = variants(args, &base)?;
     let request = Request { command: "ablate", methods: &methods, share_fields: true, ..Request::default() };
@@ -85,7 +85,7 @@ fn variants(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
 }
 
 pub(super) fn calibrate(args: &CalibrateArgs) -> Result<()> {
-    let mut progress = Progress::start_several(&args.common.run)?;
+    let mut progress = Progress::start_with(&args.common.run, true)?;
     let methods = Method::parse_list(std::slice::from_ref(&args.method), None)?;
     let own = |m: &Method| Some((m.label.clone(), m.config()?.clone(), m.is_of_photographs()));
     let Some((name, config, several)) = methods.last().and_then(own) else {

@@ -12,7 +12,6 @@ mod warp;
 
 use crate::program::{Command, args, line_of, print, report};
 use anyhow::{Context, Result};
-use clap_complete::Shell;
 use clap_mangen::Man;
 
 pub(crate) fn run(command: &Command) -> Result<()> {
@@ -33,15 +32,13 @@ pub(crate) fn run(command: &Command) -> Result<()> {
             print(format!("wrote {}\n", line_of(&report::write(folder)?)).as_bytes())
         }
         Command::Doctor(args) => doctor::run(args),
-        Command::Completions { shell } => completions(*shell),
+        Command::Completions { shell } => {
+            let mut text = Vec::new();
+            clap_complete::generate(*shell, &mut args::command(), "mde", &mut text);
+            print(&text)
+        }
         Command::Man { command } => page(command.as_deref()),
     }
-}
-
-fn completions(shell: Shell) -> Result<()> {
-    let mut text = Vec::new();
-    clap_complete::generate(shell, &mut args::command(), "mde", &mut text);
-    print(&text)
 }
 
 /// A manual page, of the program or of a command.

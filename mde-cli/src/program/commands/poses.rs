@@ -3,7 +3,7 @@
 use crate::config::Preset;
 use crate::program::open::scene::size;
 use crate::program::open::{Opener, existing, limit, prior, sizes};
-use crate::program::store::{NewFolder, check_new_file};
+use crate::program::store::{NewFolder, check_new_file, parent};
 use crate::program::{PosesArgs, Progress, flags, line_of, number};
 use crate::refiner::{Observer, Refiner, Settings};
 use crate::reports::CaptureReport;
@@ -31,7 +31,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
         "{}: one photograph has no parallax; give two or more, or a folder of them",
         paths.first().unwrap_or(&PathBuf::new()).display()
     );
-    let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = parent(target);
     let _made = NewFolder::make(folder)?;
     // Names are checked before the work.
     paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;

@@ -11,7 +11,7 @@ use anyhow::{Result, ensure};
 
 pub(super) fn refine(args: &RefineArgs) -> Result<()> {
     if photographs::are_many(&args.photographs()) || args.shard.is_some() {
-        return many::run(args, &mut Progress::start_several(&args.common.run)?);
+        return many::run(args, &mut Progress::start_with(&args.common.run, true)?);
     }
     let mut progress = Progress::start(&args.common.run)?;
     ensure!(

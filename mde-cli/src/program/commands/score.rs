@@ -4,13 +4,15 @@ use crate::prior::read_options;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::{Scoring, Store, results};
 use crate::program::open::limit;
-use crate::program::{Progress, ScoreMapsArgs, interrupt};
+use crate::program::{Progress, ScoreMapsArgs, interrupt, number};
 use crate::refiner::{Observer, SceneMemory};
 use anyhow::{Context, Result, ensure};
-use mde_eval::data::{MapPair, map_pairs};
+use mde_eval::data::{DenseResults, MapPair, map_pairs};
+use mde_eval::metrics::cloud::CloudScore;
 use mde_eval::score::{Subject, score};
-use mde_eval::table::{Entry, Failure};
-use mde_prior::format::{ReadOptions, read_depth};
+use mde_eval::table::{Block, Entry, Failure, Table};
+use mde_prior::format::read_depth;
+use mde_prior::resample::nearest;
 use serde_json::json;
 
 const MAPS: &str = "maps";
@@ -18,7 +20,15 @@ const MAPS: &str = "maps";
 pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     let (pred, gt) = (&args.pred, &args.gt);
-    let (pairs, unmatched) = map_pairs(pred, gt, args.sigma.as_deref())?;
+    let dense = gt.is_file().then(|| DenseResults::open(pred, gt)).transpose()?;
+    ensure!(
+        dense.is_none() || args.sigma.is_none(),
+        "--sigma: the folder of mde dense has its own; leave it out"
+    );
+    let (pairs, unmatched) = match &dense {
+        Some(dense) => (dense.pairs.clone(), dense.unmatched.clone()),
+        None => map_pairs(pred, gt, args.sigma.as_deref())?,
+    };
     for id in unmatched {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
@@ -49,16 +59,34 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
         progress.piece(index + 1, chosen.len(), &pair.id, None, value);
     }
     record["score"] = json!(scoring.config);
+    let mut preface = Vec::new();
+    if let Some(dense) = &dense {
+        let clouds = dense.cloud()?;
+        record["cloud"] = json!(clouds);
+        preface.push(Block::Text(dense.summary()));
+        preface.extend((!clouds.is_empty()).then(|| Block::Table(cloud_table(&clouds))));
+    }
     let results = Results {
         title: format!("{pred_name} against {gt_name}"),
         alignment: scoring.alignment_note(),
-        preface: Vec::new(),
+        preface,
         reference: None,
         entries,
         failures,
         record,
     };
     results::finish(results, &store, &mut progress)
+}
+
+/// The cloud of `mde dense` against that of all true depths.
+fn cloud_table(scores: &[CloudScore]) -> Table {
+    let heads = ["cloud.ply within, unit of the capture", "accuracy, %", "completeness, %", "F, %"];
+    let row = |score: &CloudScore| {
+        let shares =
+            [score.accuracy, score.completeness, score.f].map(|share| number(Some(100.0 * share), 1));
+        [vec![number(Some(score.tolerance), 4)], shares.to_vec()].concat()
+    };
+    Table::new(1, heads, scores.iter().map(row))
 }
 
 fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entry> {
@@ -68,11 +96,14 @@ fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entr
     let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);
     let what = pair.prediction.display().to_string();
     limit(&args.memory).check_with(&what, predicted.dim(), "to be scored", bytes, remedy)?;
-    let truth = read_depth(&pair.truth, &ReadOptions::default())?;
+    let mut truth = pair.truth.read()?;
+    if pair.truth.is_of_photograph() {
+        truth = nearest(truth.view(), predicted.dim());
+    }
     let sigma = pair.sigma.as_ref().map(|path| read_depth(path, &scaled)).transpose()?;
     let mut subject = Subject::new(predicted.view(), truth.view());
     subject.sigma = sigma.as_ref().map(|sigma| sigma.view());
-    let files = || format!("{} against {}", pair.prediction.display(), pair.truth.display());
+    let files = || format!("{} against {}", pair.prediction.display(), pair.truth.path().display());
     let scores = score(&subject, &scoring.config).with_context(files)?;
     Ok(Entry::new(&pair.id, MAPS, scores))
 }

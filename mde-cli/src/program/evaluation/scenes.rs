@@ -5,8 +5,8 @@ use crate::program::open::prior;
 use crate::program::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors, Sample};
-use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, FileKind, open};
+use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPriorConfig, simulated_prior};
+use mde_prior::{DepthKind, DepthPrior, FileKind, FilePrior, open};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -181,7 +181,8 @@ impl Priors {
                 Some(prior) => (Box::new(OwnPriors(sample)), prior.kind),
                 None => {
                     let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
-                    (Box::new(SimulatedPrior::new(&sample.depth, &faults)?), faults.kind)
+                    let prior = FilePrior::of_map("simulated", simulated_prior(&sample.depth, &faults)?);
+                    (Box::new(prior), faults.kind)
                 }
             },
             Form::SimulatedModel(faults) => {

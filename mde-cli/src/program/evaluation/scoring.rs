@@ -9,7 +9,6 @@ use mde_eval::score::ScoreConfig;
 use mde_eval::table::Entry;
 use mde_eval::{Controls, ScoredScene, Task};
 use mde_prior::DisparityRule;
-use ndarray::ArrayView2;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -74,7 +73,8 @@ impl Scoring {
             config.max_depth = sample.trusted_depth;
         }
         let Some((_, prior)) = made.first() else { return Ok(Vec::new()) };
-        let (id, truth) = (&sample.id, crc(sample.depth.view()));
+        let depths: Vec<u8> = sample.depth.iter().flat_map(|z| z.to_le_bytes()).collect();
+        let (id, truth) = (&sample.id, crc32fast::hash(&depths));
         store.keep_picture(id, sample.image.view())?;
         let rule = DisparityRule::default();
         let task = Task::new(sample.image.view(), &sample.camera, prior.refined.depth.view(), &rule);
@@ -103,10 +103,4 @@ impl Scoring {
         }
         Ok(entries)
     }
-}
-
-fn crc(map: ArrayView2<'_, f32>) -> u32 {
-    let mut hasher = crc32fast::Hasher::new();
-    map.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
-    hasher.finalize()
 }

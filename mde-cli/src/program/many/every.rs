@@ -23,7 +23,7 @@ use mde_mvs::cloud::DepthView;
 use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use mde_prior::resample::{nearest, shrink};
 use mde_uncertainty::statistics::median;
-use ndarray::{Array2, CowArray};
+use ndarray::CowArray;
 use serde_json::json;
 use std::fs;
 use std::path::Path;
@@ -113,6 +113,8 @@ pub(crate) fn run(
     if args.shard.is_some() {
         return finish(&rows, output, None, &Document::default(), &more, json!({}), progress);
     }
+    // The maps of all take the place of the sweeps.
+    let prepared = prepared.once();
     rows.extend(scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error)));
     let pixels: usize = placed.iter().map(|(_, camera, _)| camera.width * camera.height).sum();
     let share = (pixels as f64 / MOST_GATHERED).sqrt().max(1.0);
@@ -126,13 +128,18 @@ pub(crate) fn run(
     let (mut positions, mut gathered) = (Vec::new(), Vec::new());
     for &(index, camera, pose) in &placed {
         let (folder, size) = (output.join(&folders[index]), (small(camera.height), small(camera.width)));
-        let png_scale = png_scale(&folder)?;
+        let png_scale = match png_content(folder.join("depth.png"))? {
+            Some(PngContent::Depth { scale, .. }) => scale,
+            _ => MILLIMETRES,
+        };
         positions.push(Placed { camera, pose, folder: &folders[index], png_scale });
-        let [depth, sigma] = ["depth.npy", "sigma.npy"].map(|name| map(&folder.join(name), size));
+        let map = |name: &str| -> Result<_> {
+            Ok(nearest(read_values(folder.join(name), &ReadOptions::default())?.view(), size))
+        };
         let image = &scene.photographs[index].image;
         let image =
             if share > 1.0 { shrink(image.view(), size).into() } else { CowArray::from(image.view()) };
-        gathered.push((image, camera.resized(size.1, size.0)?, depth?, sigma?));
+        gathered.push((image, camera.resized(size.1, size.0)?, map("depth.npy")?, map("sigma.npy")?));
     }
     let views = gathered.iter().zip(&positions).map(|((image, camera, depth, sigma), placed)| DepthView {
         image: image.view(),
@@ -168,19 +175,6 @@ pub(crate) fn run(
     finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)?;
     let alone = rows.iter().find_map(|row| row.reason.clone()).filter(|_| placed.is_empty());
     alone.map_or(Ok(()), |reason| Err(Partial::Alone { reason, folder: line_of(output) }.into()))
-}
-
-/// A map of the folder of a photograph, at that size.
-fn map(path: &Path, size: (usize, usize)) -> Result<Array2<f32>> {
-    Ok(nearest(read_values(path, &ReadOptions::default())?.view(), size))
-}
-
-/// Steps of `depth.png` in the folder of a photograph.
-fn png_scale(folder: &Path) -> Result<f64> {
-    Ok(match png_content(folder.join("depth.png"))? {
-        Some(PngContent::Depth { scale, .. }) => scale,
-        _ => MILLIMETRES,
-    })
 }
 
 fn table(rows: &[PhotographRow]) -> Table {

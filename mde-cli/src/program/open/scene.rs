@@ -45,12 +45,8 @@ impl Opener<'_> {
         if let [one] = views
             && let Some(files) = CaptureFiles::find(one)
         {
-            return Ok(self.refiner.capture(
-                (&files, one),
-                image,
-                &given_camera(self.camera),
-                self.progress,
-            )?);
+            let given = given_camera(self.camera);
+            return Ok(self.refiner.capture((&files, one), image, &given, self.progress)?);
         }
         let (flag, paths) = match (image, views) {
             (Some(image), _) => ("--views", [vec![image.to_owned()], further(image, views)?].concat()),

@@ -228,11 +228,8 @@ fn named(flag: &str, path: &Path) -> Result<Option<Metadata>> {
     }
 }
 
-fn parent(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
+pub(crate) fn parent(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Removes the folders and files that killed runs left unfinished in a folder of results that no other process writes to.
