@@ -177,20 +177,20 @@ impl<'p> Refiner<'p> {
         let full = sizes.of_results(original);
         let at = sizes.of_refinement(full);
         let pixels = |(height, width)| height as u64 * width as u64;
-        let mut swept = 0;
-        if photographs > 1 {
-            let bytes = |pixels| {
-                scene_bytes(pixels, photographs as u64, self.priors(photographs), threads as u64, config)
-            };
-            limit.check(name, at, bytes)?;
-            swept = bytes(pixels(at));
-        }
+        let priors = self.priors(photographs);
+        let swept = |pixels| match photographs {
+            0 | 1 => 0,
+            _ => scene_bytes(pixels, photographs as u64, priors, threads as u64, config),
+        };
+        limit.check(name, at, swept)?;
         let mut memory = PhotographMemory::new(config, prior, [full, at], photographs, threads);
         let ends = if error_bar.probability().is_some() { INTERVAL } else { 0.0 };
         memory.held += pixels(full) as f64 * (ends + if *exports { EXPORTS } else { 0.0 });
         let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
-        let bytes = memory.bytes(pixels(at), parallel_predictions as u64).max(swept);
-        Ok(Plan { bytes, shared: memory.inference.model, parallel_predictions })
+        let swept = |pixels| swept(pixels).saturating_add(memory.afterwards());
+        limit.check(name, at, swept)?;
+        let bytes = memory.bytes(pixels(at), parallel_predictions as u64).max(swept(pixels(at)));
+        Ok(Plan { bytes, shared: memory.afterwards(), parallel_predictions })
     }
 
     /// Different priors of that many photographs: a map is the reference's alone, and without a prior all have the same.

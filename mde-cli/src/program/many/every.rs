@@ -49,7 +49,8 @@ pub(crate) fn run(
     let settings = job.refiner.settings();
     let (size, count) = (scene.photographs.first().map(Photograph::size), scene.photographs.len());
     let priors = job.refiner.priors(count);
-    let gathered = |pixels| gathered_bytes(pixels, count as u64, priors, job.export.contains(&Format::Mesh));
+    let surface = job.export.contains(&Format::Mesh);
+    let gathered = |pixels| plan.shared.saturating_add(gathered_bytes(pixels, count as u64, priors, surface));
     settings.memory.check(&format!("{count} photographs"), size.unwrap_or_default(), gathered)?;
     let _folder = OpenFolder::open(output, args.shard.is_some())?;
     // What is made of all photographs changes none of them.

@@ -13,11 +13,11 @@ const AUGMENTED: f64 = 120.0;
 const FULL: f64 = 66.0;
 /// What the allocator holds for a prediction, as a factor on its tensors and in bytes: alone, and beside others on their own threads.
 const ALONE: (f64, f64) = (1.4, 10.0 * MIB);
-const BESIDE: (f64, f64) = (2.1, 30.0 * MIB);
-/// What it keeps of a network's predictions while a field is fitted.
+const BESIDE: (f64, f64) = (2.1, 20.0 * MIB);
+/// What it keeps of a network's predictions afterwards.
 const KEPT: f64 = 24.0 * MIB;
 
-/// Memory of one photograph's refinement, with the prior's inference. On ten settings it is .87 to 1.17 times the peak (docs/performance.md).
+/// Memory of one photograph's refinement, with the prior's inference. On ten settings it is .85 to 1.22 times the peak (docs/performance.md).
 #[derive(Debug, Clone, Copy)]
 pub struct PhotographMemory<'c> {
     config: &'c Config,
@@ -69,10 +69,16 @@ impl<'c> PhotographMemory<'c> {
             predicted += at_once as f64 * (factor * prediction as f64 + more);
         }
         let fitted = match self.fits_a_field {
-            true => refine_bytes(pixels, self.config) as f64 + if model > 0 { KEPT } else { 0.0 },
+            true => refine_bytes(pixels, self.config) as f64 + (self.afterwards() - model) as f64,
             false => 0.0,
         };
         (predicted.max(fitted) + model as f64 + self.held) as u64
+    }
+
+    /// Bytes that the network takes after its predictions.
+    pub(crate) fn afterwards(&self) -> u64 {
+        let model = self.inference.model;
+        model.saturating_add(if model > 0 { KEPT as u64 } else { 0 })
     }
 
     /// The number of predictions at once that fit within the limit at that size, at least 1.

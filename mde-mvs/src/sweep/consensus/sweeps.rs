@@ -86,8 +86,8 @@ pub(super) struct Map {
     verified: f32,
 }
 
-/// Bytes that [`Sweeps`] of that many views, of which a result has `members`, takes beside its inputs, one result included: the working
-/// memory of one sweep, the maps that are kept, and those of a result.
+/// Bytes that [`Sweeps`] of that many views, of which a result has `members`, takes beside its inputs: the maps that are kept with the
+/// working memory of one sweep or, later, those of a result.
 pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
     // Of each photograph that is kept two means with variances, four maps of numbers and three of bytes; in the result two more means.
     let kept = views.min((KEPT as u64).max(2 * members)).saturating_mul(2 * 8 + 4 * 4 + 3);
@@ -96,7 +96,8 @@ pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
     // All small photographs with their priors; three sweeps of those that are kept and of their sources.
     let swept = views.min(3 * KEPT as u64).saturating_mul(3 * 16);
     let small = views.saturating_mul(17).saturating_add(swept).saturating_mul((SMALL * SMALL) as u64);
-    working.saturating_add(pixels.saturating_mul(kept.saturating_add(of_result))).saturating_add(small)
+    let later = working.max(pixels.saturating_mul(of_result));
+    pixels.saturating_mul(kept).saturating_add(later).saturating_add(small)
 }
 
 impl Sweeps {
