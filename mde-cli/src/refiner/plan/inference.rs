@@ -12,12 +12,12 @@ const AUGMENTED: f64 = 120.0;
 /// Bytes per pixel of a photograph that is refined at a smaller size: itself, and the maps of its own size.
 const FULL: f64 = 66.0;
 /// What the allocator holds for a prediction, as a factor on its tensors and in bytes: alone, and beside others on their own threads.
-const ALONE: (f64, f64) = (1.4, 10.0 * MIB);
-const BESIDE: (f64, f64) = (2.1, 20.0 * MIB);
+const ALONE: (f64, f64) = (1.4, 0.0);
+const BESIDE: (f64, f64) = (2.1, 12.0 * MIB);
 /// What it keeps of a network's predictions afterwards.
 const KEPT: f64 = 24.0 * MIB;
 
-/// Memory of one photograph's refinement, with the prior's inference. On ten settings it is .85 to 1.22 times the peak (docs/performance.md).
+/// Memory of one photograph's refinement, with the prior's inference. With FastDepth it is .90 to 1.31 times the peak (docs/performance.md).
 #[derive(Debug, Clone, Copy)]
 pub struct PhotographMemory<'c> {
     config: &'c Config,
