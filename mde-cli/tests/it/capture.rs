@@ -39,7 +39,11 @@ fn several_photographs_need_no_network() {
     capture["frames"][0]["depth_file_path"] = "truth.npy".into();
     place.save("truth.npy", &STUDY.truth);
     place.write("truth.json", capture.to_string());
-    place.prints("score all --gt truth.json -o scores", 0, "3.png: no truth");
+    place.prints(
+        "score all --gt truth.json -o scores",
+        0,
+        "3.png: no truth ; photographs used ; cloud.ply within",
+    );
     let summary = place.json("scores/summary.json");
     let of_cloud = |i: usize, key: &str| summary["made_from"]["cloud"][i][key].as_f64().unwrap();
     assert!(of_cloud(2, "accuracy") > 0.8 && of_cloud(2, "completeness") > 0.8, "{}", summary["made_from"]);

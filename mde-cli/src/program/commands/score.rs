@@ -4,13 +4,13 @@ use crate::prior::read_options;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::{Scoring, Store, results};
 use crate::program::open::limit;
-use crate::program::{Progress, ScoreMapsArgs, interrupt, number};
+use crate::program::{Progress, ScoreMapsArgs, interrupt};
 use crate::refiner::{Observer, SceneMemory};
 use anyhow::{Context, Result, ensure};
 use mde_eval::data::{DenseResults, MapPair, map_pairs};
 use mde_eval::metrics::cloud::CloudScore;
 use mde_eval::score::{Subject, score};
-use mde_eval::table::{Block, Entry, Failure, Table};
+use mde_eval::table::{Block, Entry, Failure};
 use mde_prior::format::read_depth;
 use mde_prior::resample::nearest;
 use serde_json::json;
@@ -63,8 +63,16 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     if let Some(dense) = &dense {
         let clouds = dense.cloud()?;
         record["cloud"] = json!(clouds);
-        preface.push(Block::Text(dense.summary()));
-        preface.extend((!clouds.is_empty()).then(|| Block::Table(cloud_table(&clouds))));
+        let shares = |score: &CloudScore| {
+            let CloudScore { tolerance, accuracy, completeness, f } = *score;
+            let [accuracy, completeness, f] = [accuracy, completeness, f].map(|share| 100.0 * share);
+            format!(
+                "cloud.ply within {tolerance:.4}: accuracy {accuracy:.1} %, completeness {completeness:.1} %, F {f:.1} %"
+            )
+        };
+        let notes: Vec<String> = std::iter::once(dense.summary()).chain(clouds.iter().map(shares)).collect();
+        notes.iter().for_each(|note| progress.step(note));
+        preface.push(Block::List(notes));
     }
     let results = Results {
         title: format!("{pred_name} against {gt_name}"),
@@ -76,17 +84,6 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
         record,
     };
     results::finish(results, &store, &mut progress)
-}
-
-/// The cloud of `mde dense` against that of all true depths.
-fn cloud_table(scores: &[CloudScore]) -> Table {
-    let heads = ["cloud.ply within, unit of the capture", "accuracy, %", "completeness, %", "F, %"];
-    let row = |score: &CloudScore| {
-        let shares =
-            [score.accuracy, score.completeness, score.f].map(|share| number(Some(100.0 * share), 1));
-        [vec![number(Some(score.tolerance), 4)], shares.to_vec()].concat()
-    };
-    Table::new(1, heads, scores.iter().map(row))
 }
 
 fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entry> {
