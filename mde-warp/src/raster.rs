@@ -20,13 +20,8 @@ pub(crate) struct Projected {
 impl Projected {
     /// Source column `u`, row `v` at an inverse depth.
     pub(crate) fn new(transfer: &Transfer, u: f64, v: f64, disparity: f64) -> Self {
-        let of = |Seen { x, y, ratio }: Seen| Self {
-            x,
-            y,
-            inverse_depth: disparity / ratio,
-            ratio: ratio.recip(),
-        };
-        transfer.at(u, v, disparity).map_or(Self::default(), of)
+        let Some(Seen { x, y, ratio }) = transfer.at(u, v, disparity) else { return Self::default() };
+        Self { x, y, inverse_depth: disparity / ratio, ratio: ratio.recip() }
     }
 }
 

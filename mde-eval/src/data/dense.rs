@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 
 /// Tolerances of the cloud, as shares of the median true depth.
 const TOLERANCES: [f64; 3] = [0.01, 0.02, 0.05];
+/// That of a result in the world of its capture.
+const UNIT: &str = "capture";
 
 /// The folder that `mde dense` wrote, beside the true depths that the capture's `transforms.json` names.
 #[derive(Debug, Clone)]
@@ -68,8 +70,11 @@ impl DenseResults {
         let seconds: Vec<f64> = rows(&self.record).filter_map(|row| row["seconds"].as_f64()).collect();
         let (used, all) = (self.pairs.len(), seconds.len());
         let (each, threads) = (seconds.iter().sum::<f64>() / all as f64, &self.record["threads"]);
-        let peak = self.record["peak_memory_bytes"].as_u64().unwrap_or_default() >> 20;
-        format!("{used} of {all} photographs used; {each:.1} s each on {threads} threads, {peak} MiB.")
+        let peak = self.record["peak_memory_bytes"].as_u64();
+        let peak = peak.map_or_else(String::new, |bytes| format!(", {} MiB", bytes >> 20));
+        let is_scored = self.record["unit"] == UNIT;
+        let cloud = if is_scored { "" } else { "; the cloud is not in the capture's unit: no score" };
+        format!("{used} of {all} photographs used; {each:.1} s each on {threads} threads{peak}{cloud}")
     }
 
     /// The scores of `cloud.ply` against the points of all true depths within 1, 2 and 5 % of the median true depth; none where the cloud is
@@ -78,7 +83,7 @@ impl DenseResults {
     /// # Errors
     /// As [`open`](Self::open).
     pub fn cloud(&self) -> Result<Vec<CloudScore>> {
-        if self.record["unit"] != "capture" {
+        if self.record["unit"] != UNIT {
             return Ok(Vec::new());
         }
         let mut medians = Vec::new();

@@ -2,6 +2,7 @@ use super::files::{layout, same_size};
 use crate::Result;
 use mde_mvs::capture::{Frame, Lens};
 use mde_prior::format::{ReadOptions, read_depth};
+use mde_prior::resample::nearest;
 use nalgebra::Point2;
 use ndarray::{Array2, ArrayView2};
 use serde_json::Value;
@@ -34,12 +35,9 @@ impl TrueDepth {
             return Ok(None);
         };
         let units = &content["depth_units_per_metre"];
-        let scale = if units.is_null() { Some(1000.0) } else { units.as_f64() };
-        let scale = scale.filter(|scale| *scale > 0.0);
-        if scale.is_none() {
-            let reason = format!("depth_units_per_metre is {units}; use a positive finite number");
-            return Err(layout(transforms, reason));
-        }
+        let scale = if units.is_null() { Some(1000.0) } else { units.as_f64().filter(|scale| *scale > 0.0) };
+        let wrong = || format!("depth_units_per_metre is {units}; use a positive finite number");
+        let scale = Some(scale.ok_or_else(|| layout(transforms, wrong()))?);
         Ok(Some(Self { path: folder.join(file), scale, frame: Some(frame.clone()) }))
     }
 
@@ -48,9 +46,13 @@ impl TrueDepth {
         &self.path
     }
 
-    /// Whether it is of a photograph, which may have been refined at another size.
-    pub fn is_of_photograph(&self) -> bool {
-        self.frame.is_some()
+    /// The same for a prediction of that size: a photograph may have been refined at another one.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_for(&self, size: (usize, usize)) -> Result<Array2<f32>> {
+        let depth = self.read()?;
+        Ok(if self.frame.is_some() { nearest(depth.view(), size) } else { depth })
     }
 
     /// z-depth `[height, width]`, 0 = missing; of a photograph without its lens distortion.

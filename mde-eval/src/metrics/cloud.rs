@@ -56,11 +56,8 @@ impl Cloud {
             let beside = |i: i64| std::array::from_fn(|axis| cell[axis] + i / 3_i64.pow(axis as u32) % 3 - 1);
             let around = (0..27).filter_map(|i| other.cells.get::<Cell>(&beside(i)));
             let around: Vec<&[f64; 3]> = around.flatten().collect();
-            let is_near = |point: &&[f64; 3]| {
-                around
-                    .iter()
-                    .any(|other| point.iter().zip(*other).map(|(a, b)| (a - b).powi(2)).sum::<f64>() <= limit)
-            };
+            let squared = |a: &[f64; 3], b: &[f64; 3]| -> f64 { (0..3).map(|i| (a[i] - b[i]).powi(2)).sum() };
+            let is_near = |point: &&[f64; 3]| around.iter().any(|other| squared(point, other) <= limit);
             points.iter().filter(is_near).count()
         };
         self.cells.par_iter().map(near).sum::<usize>() as f64 / self.voxels.len().max(1) as f64
@@ -79,10 +76,8 @@ mod tests {
             points.iter().chain(points).for_each(|point| cloud.add(*point));
             cloud
         };
-        let plane: Vec<[f64; 3]> = (0..400)
-            .map(|i| [f64::from(i % 20), f64::from(i / 20), -0.1])
-            .map(|p| p.map(|x| 3.0 * x))
-            .collect();
+        let at = |i: i32| [3.0 * f64::from(i % 20), 3.0 * f64::from(i / 20), -0.3];
+        let plane: Vec<[f64; 3]> = (0..400).map(at).collect();
         let mut half: Vec<_> = plane[..200].iter().map(|[x, y, z]| [x - 0.9, *y, *z]).collect();
         half.push([0.0, 0.0, 40.0]);
         let found = cloud(&half).score(&cloud(&plane));

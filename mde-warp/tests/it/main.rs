@@ -5,4 +5,5 @@ mod camera;
 mod reproject;
 mod sampling;
 mod support;
+mod transfer;
 mod warp;

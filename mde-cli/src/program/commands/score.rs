@@ -12,7 +12,6 @@ use mde_eval::metrics::cloud::CloudScore;
 use mde_eval::score::{Subject, score};
 use mde_eval::table::{Block, Entry, Failure};
 use mde_prior::format::read_depth;
-use mde_prior::resample::nearest;
 use serde_json::json;
 
 const MAPS: &str = "maps";
@@ -93,10 +92,7 @@ fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entr
     let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);
     let what = pair.prediction.display().to_string();
     limit(&args.memory).check_with(&what, predicted.dim(), "to be scored", bytes, remedy)?;
-    let mut truth = pair.truth.read()?;
-    if pair.truth.is_of_photograph() {
-        truth = nearest(truth.view(), predicted.dim());
-    }
+    let truth = pair.truth.read_for(predicted.dim())?;
     let sigma = pair.sigma.as_ref().map(|path| read_depth(path, &scaled)).transpose()?;
     let mut subject = Subject::new(predicted.view(), truth.view());
     subject.sigma = sigma.as_ref().map(|sigma| sigma.view());

@@ -92,8 +92,8 @@ pub(crate) fn given_camera(args: &CameraArgs) -> GivenCamera {
 /// Rayon's number for a thread per processor.
 const PER_PROCESSOR: usize = 0;
 
-/// Uses that number of threads, else one per processor; this one alone where the system has none left. This thread is one of them, with
-/// what it keeps of the memory that it has freed, unless it will wait for threads that need them.
+/// Uses that number of threads, else one per processor; this one alone where the system has none left. This thread is one of them,
+/// since each keeps memory that it has freed; not one that `waits` for threads that need the others.
 pub(crate) fn start_threads(wanted: Option<usize>, waits: bool) -> Result<()> {
     // Tried before: a pool that fails cannot be made again.
     let is_alone = std::thread::Builder::new().spawn(|| ()).is_err();

@@ -33,7 +33,7 @@ pub(super) fn turns(y: f32, x: f32) -> f32 {
 
 /// The RootSIFT descriptor: the square root of the clipped histogram over its sum.
 pub(super) fn describe(space: &ScaleSpace, extremum: &Extremum) -> [f32; LENGTH] {
-    let plane = &space.octaves[extremum.octave].gaussians[extremum.layer];
+    let plane = &space.octaves[extremum.octave][extremum.layer];
     let (height, width) = (plane.nrows() as isize, plane.ncols() as isize);
     let (column, row) = (extremum.x.round() as isize, extremum.y.round() as isize);
     let cell = CELL_SIGMAS * extremum.sigma as f32;

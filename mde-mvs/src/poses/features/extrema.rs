@@ -1,6 +1,6 @@
 //! Extrema of differences of Gaussians, and the directions of the gradient about them.
 
-use super::scale_space::{FIRST_SIGMA, LAYERS, Octave, ScaleSpace};
+use super::scale_space::{FIRST_SIGMA, LAYERS, Octave, ScaleSpace, difference};
 use nalgebra::{Matrix3, Vector3};
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -37,7 +37,7 @@ pub(super) struct Extremum {
 pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
     let mut all = Vec::new();
     for (index, octave) in space.octaves.iter().enumerate() {
-        let (height, width) = octave.gaussians[0].dim();
+        let (height, width) = octave[0].dim();
         if width <= 2 * RIM || height <= 2 * RIM {
             break;
         }
@@ -60,7 +60,7 @@ pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
 /// Columns of a row that are above or below all of their 26 neighbours.
 fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
     let threshold = (0.5 * CONTRAST / LAYERS as f64) as f32;
-    let [under, over] = [layer, layer + 1].map(|layer| octave.gaussians[layer].row(y));
+    let [under, over] = [layer, layer + 1].map(|layer| octave[layer].row(y));
     (RIM..under.len() - RIM)
         .filter(|&x| {
             let value = over[x] - under[x];
@@ -69,7 +69,7 @@ fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
             }
             let all = |test: fn(f32, f32) -> bool| {
                 let of =
-                    |layer| move |y| (x - 1..=x + 1).all(|x| test(value, octave.difference(layer, (y, x))));
+                    |layer| move |y| (x - 1..=x + 1).all(|x| test(value, difference(octave, layer, (y, x))));
                 (layer - 1..=layer + 1).all(|layer| (y - 1..=y + 1).all(of(layer)))
             };
             if value > 0.0 { all(|a, b| a >= b) } else { all(|a, b| a <= b) }
@@ -79,11 +79,11 @@ fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
 
 /// The extremum of the quadratic through the neighbours; nothing where it is too weak or an edge.
 fn refine(octave: &Octave, index: usize, mut layer: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
-    let (height, width) = octave.gaussians[0].dim();
+    let (height, width) = octave[0].dim();
     for step in 0.. {
         let [below, here, above] = [layer - 1, layer, layer + 1];
         let d = |layer: usize, dx: isize, dy: isize| {
-            f64::from(octave.difference(layer, (y.wrapping_add_signed(dy), x.wrapping_add_signed(dx))))
+            f64::from(difference(octave, layer, (y.wrapping_add_signed(dy), x.wrapping_add_signed(dx))))
         };
         let value = d(here, 0, 0);
         let [x1, y1] = [d(here, 1, 0) - d(here, -1, 0), d(here, 0, 1) - d(here, 0, -1)];
@@ -133,7 +133,7 @@ pub(super) fn gradient(plane: &Array2<f32>, x: usize, y: usize) -> (f32, f32) {
 
 /// The extremum once for each strong direction of the gradient about it.
 fn orient(octave: &Octave, extremum: &Extremum) -> Vec<Extremum> {
-    let plane = &octave.gaussians[extremum.layer];
+    let plane = &octave[extremum.layer];
     let radius = (4.5 * extremum.sigma).round() as usize;
     let fall = (-0.5 / (1.5 * extremum.sigma).powi(2)) as f32;
     let [row, column] = extremum.cell;

@@ -19,16 +19,12 @@ const SMALLEST: usize = 12;
 /// Rows per task of the blur.
 const ROWS: usize = 16;
 
-/// One octave: [`LAYERS`] + 3 Gaussians.
-pub(super) struct Octave {
-    pub(super) gaussians: Vec<Array2<f32>>,
-}
+/// The [`LAYERS`] + 3 Gaussians of one octave.
+pub(super) type Octave = Vec<Array2<f32>>;
 
-impl Octave {
-    /// The difference of two neighbouring Gaussians at a pixel; there are [`LAYERS`] + 2.
-    pub(super) fn difference(&self, layer: usize, at: (usize, usize)) -> f32 {
-        self.gaussians[layer + 1][at] - self.gaussians[layer][at]
-    }
+/// The difference of two neighbouring Gaussians at a pixel; there are [`LAYERS`] + 2.
+pub(super) fn difference(octave: &[Array2<f32>], layer: usize, at: (usize, usize)) -> f32 {
+    octave[layer + 1][at] - octave[layer][at]
 }
 
 /// All octaves, with the map from their pixels to the photograph's.
@@ -69,7 +65,7 @@ impl ScaleSpace {
                 gaussians.push(blurred(&gaussians[layer - 1], before * (ratio * ratio - 1.0).sqrt()));
             }
             first = gaussians[LAYERS].slice(s![..;2, ..;2]).to_owned();
-            octaves.push(Octave { gaussians });
+            octaves.push(gaussians);
         }
         Self { octaves, step, origin }
     }

@@ -89,9 +89,10 @@ pub(super) struct Map {
 /// Bytes that [`Sweeps`] of that many views, of which a result has `members`, takes beside its inputs: the maps that are kept with the
 /// working memory of one sweep or, later, those of a result.
 pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
-    // Of each photograph that is kept two means with variances, four maps of numbers and three of bytes; in the result two more means.
+    // Of each photograph that is kept two means with variances, four maps of numbers and three of bytes; in the result two more means,
+    // a photograph and its luma between pixels.
     let kept = views.min((KEPT as u64).max(2 * members)).saturating_mul(2 * 8 + 4 * 4 + 3);
-    let of_result = members.saturating_mul(2 * 8);
+    let of_result = members.saturating_mul(2 * 8 + 12 + 16);
     let working = working_bytes(pixels, members.saturating_sub(1));
     // All small photographs with their priors; three sweeps of those that are kept and of their sources.
     let swept = views.min(3 * KEPT as u64).saturating_mul(3 * 16);
