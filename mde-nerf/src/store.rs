@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Incremented whenever the meaning of the tensors or of the header changes.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const HEADER: &str = "mde-nerf";
 
 #[derive(Serialize, Deserialize)]
@@ -24,23 +24,11 @@ struct Header {
     far: Option<f64>,
     seed: u64,
     frustum: Frustum,
-    /// CRC-32 of the tensors' bytes: table, network.
-    checksum: u32,
-    /// CRC-32 of the header's text with eight zeros here, hexadecimal.
-    header_checksum: String,
 }
 
-/// The field of the header's own checksum, as text.
-const OWN: &str = "\"header_checksum\":\"";
-/// Its place holder.
-const ZEROS: &str = "00000000";
-
-/// The header's checksum as it is stated, and as it is.
-fn own_checksum(header: &str) -> Option<(&str, String)> {
-    let begin = header.rfind(OWN)? + OWN.len();
-    let stated = header.get(begin..begin + ZEROS.len())?;
-    let blank = [&header[..begin], ZEROS, header.get(begin + ZEROS.len()..)?].concat();
-    Some((stated, format!("{:08x}", crc32fast::hash(blank.as_bytes()))))
+/// CRC-32 of the header's text and the tensors' bytes in their order in the file, hexadecimal; it stands before the text.
+fn checksum(header: &str, [table, network]: [&[u8]; 2]) -> String {
+    format!("{:08x}", crc32fast::hash(&[header.as_bytes(), network, table].concat()))
 }
 
 #[derive(Deserialize)]
@@ -60,13 +48,9 @@ pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<
         far: config.sampling.far,
         seed,
         frustum: fitted.frustum.clone(),
-        checksum: crc32fast::hash(&[table.as_slice(), &network].concat()),
-        header_checksum: ZEROS.to_owned(),
     };
-    let mut header = serde_json::to_string(&header).map_err(external)?;
-    if let Some((zeros, own)) = own_checksum(&header) {
-        header = header.replace(&format!("{OWN}{zeros}"), &format!("{OWN}{own}"));
-    }
+    let header = serde_json::to_string(&header).map_err(external)?;
+    let header = format!("{} {header}", checksum(&header, [&table, &network]));
     let tensor = |bytes| TensorView::new(Dtype::F32, vec![<[u8]>::len(bytes) / 4], bytes).map_err(external);
     let tensors = [("table", tensor(&table)?), ("network", tensor(&network)?)];
     safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)]))).map_err(external)
@@ -80,24 +64,13 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
     let format = |reason: String| Error::Format { path: path.to_owned(), reason };
     let file = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
     let (_, metadata) = SafeTensors::read_metadata(&file).map_err(|e| format(foreign(e)))?;
-    let header = metadata.metadata().as_ref().and_then(|m| m.get(HEADER)).ok_or_else(|| {
-        format(format!("its header has no {HEADER:?} entry; give a file written by mde-nerf"))
-    })?;
+    let missing = || format(format!("its header has no {HEADER:?} entry; give a file written by mde-nerf"));
+    let entry = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER)).ok_or_else(missing)?;
+    let (sum, header) = entry.split_once(' ').unwrap_or(("", entry));
     // The version first: the header of another version need not parse.
     let Version { version } = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
     if version != VERSION {
         return Err(format(format!("its version is {version}, not {VERSION}; fit the field again")));
-    }
-    if own_checksum(header).is_some_and(|(stated, own)| stated != own) {
-        return Err(format(
-            "the checksum of its header is wrong, the file is damaged; fit the field again".into(),
-        ));
-    }
-    let mut header: Header = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
-    (header.config.sampling.near, header.config.sampling.far) = (header.near, header.far);
-    header.config.validate().map_err(|e| format(e.to_string()))?;
-    if let Some(fault) = header.frustum.fault() {
-        return Err(format(format!("{fault}; fit the field again")));
     }
     let tensors = SafeTensors::deserialize(&file).map_err(|e| format(foreign(e)))?;
     let data = |name: &str| match tensors.tensor(name) {
@@ -106,8 +79,14 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
         Err(e) => Err(format(foreign(e))),
     };
     let parts = [data("table")?, data("network")?];
-    if crc32fast::hash(&parts.concat()) != header.checksum {
+    if sum != checksum(header, parts) {
         return Err(format("its checksum is wrong, the file is damaged; fit the field again".into()));
+    }
+    let mut header: Header = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
+    (header.config.sampling.near, header.config.sampling.far) = (header.near, header.far);
+    header.config.validate().map_err(|e| format(e.to_string()))?;
+    if let Some(fault) = header.frustum.fault() {
+        return Err(format(format!("{fault}; fit the field again")));
     }
     let numbers = |bytes: &[u8]| bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     let [table, network]: [Vec<f32>; 2] = parts.map(numbers);

@@ -174,7 +174,7 @@ pub(crate) fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
             "field" => {
                 let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
                 let (header, tensors) = bytes[8..].split_at(length);
-                let header = with_field(std::str::from_utf8(header).unwrap(), rest);
+                let header = with_field(std::str::from_utf8(header).unwrap(), rest, tensors);
                 bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), tensors].concat();
             }
             _ => panic!("~{what}"),
@@ -224,14 +224,12 @@ fn pointed(text: &str, change: &str) -> String {
     value.to_string().replace(&format!("\"{MARK}\""), to)
 }
 
-/// The header of a saved field with a value of its record.
-fn with_field(header: &str, change: &str) -> String {
+/// The header of a saved field with a value of its record, and the checksum of that with the `tensors`.
+fn with_field(header: &str, change: &str, tensors: &[u8]) -> String {
     let mut outer: Value = serde_json::from_str(header).unwrap();
     let record = &mut outer["__metadata__"]["mde-nerf"];
-    // The checksum is of the text with zeros in its place.
-    let text = pointed(&pointed(record.as_str().unwrap(), change), "/header_checksum \"00000000\"");
-    let checksum = format!("header_checksum\":\"{:08x}", crc32fast::hash(text.as_bytes()));
-    *record = json!(text.replace("header_checksum\":\"00000000", &checksum));
+    let text = pointed(record.as_str().unwrap().split_once(' ').unwrap().1, change);
+    *record = json!(format!("{:08x} {text}", crc32fast::hash(&[text.as_bytes(), tensors].concat())));
     outer.to_string()
 }
 
