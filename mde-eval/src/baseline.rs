@@ -4,7 +4,6 @@
 //! Missing depth (0, or not finite) stays missing and is left out of averages.
 
 mod guided;
-mod joint_bilateral;
 mod noise;
 mod predictions;
 pub mod sigma;
@@ -14,7 +13,6 @@ mod sweep;
 mod unsharp;
 
 pub use guided::guided_filter;
-pub use joint_bilateral::joint_bilateral;
 pub use noise::white_noise;
 pub use predictions::{ZoomMerge, flip_average};
 #[cfg(feature = "solver")]
@@ -35,7 +33,6 @@ pub const METHODS: &[&str] = &[
     "unsharp2",
     "noise",
     "guided",
-    "jbf",
     #[cfg(feature = "solver")]
     "fbs",
     "gauged",
@@ -54,7 +51,6 @@ pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
         "zoom" => Box::new(ZoomMerge::with_predictions(14)),
         "noise" => Box::new(white_noise),
         "guided" => Box::new(guided_filter),
-        "jbf" => Box::new(joint_bilateral),
         "gauged" => Box::new(gauged_prior),
         "sweep" => Box::new(plane_sweep),
         #[cfg(feature = "solver")]

@@ -135,7 +135,9 @@ fn mirrored(i: isize, length: usize) -> usize {
 
 /// Joint bilateral filter (Petschnigg et al., 2004): the mean of a map weighted by nearness in place and in the colour of a guide,
 ///
-/// \\[ w(x, y) = \exp\left(-\frac{\\|x - y\\|^2}{2\sigma_s^2} - \frac{\\|I_x - I_y\\|^2}{2\sigma_c^2}\right). \\]
+/// \\[ w(x, y) = \exp\left(-\frac{\\|x - y\\|^2}{2\sigma_s^2} - \frac{\\|I_x - I_y\\|^2}{2\sigma_c^2}\right), \\]
+///
+/// over a grid of 5 x 5 pixels, 3/4 of \\(\sigma_s\\) apart; the border is repeated.
 ///
 /// ```
 /// use mde_uncertainty::filter::JointBilateral;
@@ -144,8 +146,9 @@ fn mirrored(i: isize, length: usize) -> usize {
 /// // The step of the map moves to that of the guide.
 /// let guide = [array![[0.0_f32, 0.0, 0.0, 1.0, 1.0, 1.0]]];
 /// let map = array![[1.0_f32, 1.0, 2.0, 2.0, 2.0, 2.0]];
-/// let filtered = JointBilateral::dense(2.0, 0.1).filter(map.view(), None, &guide)?;
-/// assert!(filtered[(0, 2)] < 1.5 && (filtered[(0, 3)] - 2.0).abs() < 1e-6);
+/// let (filter, mut filtered) = (JointBilateral::new(2.0, 0.1), [0.0; 6]);
+/// filter.rows(map.view(), &guide)?(0, &mut filtered);
+/// assert!(filtered[2] < 1.5 && (filtered[3] - 2.0).abs() < 1e-6);
 /// # Ok::<(), mde_uncertainty::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
@@ -153,7 +156,6 @@ pub struct JointBilateral {
     taps: Vec<Tap>,
     /// \\(1 / (2 \sigma_c^2)\\).
     falloff: f32,
-    dense: bool,
 }
 
 /// A neighbour of a pixel, and its weight by nearness in place.
@@ -165,57 +167,26 @@ struct Tap {
 }
 
 impl JointBilateral {
-    /// Every pixel within two `sigma` (\\(\sigma_s\\), pixels) to each side; pixels beyond the border are left out. `colour` is
-    /// \\(\sigma_c\\), in the guide's unit. Time grows with the square of `sigma`.
+    /// With \\(\sigma_s\\) of `sigma` pixels, and \\(\sigma_c\\) of `colour` in the guide's unit.
     #[must_use]
-    pub fn dense(sigma: f64, colour: f64) -> Self {
-        let steps = (2.0 * sigma).ceil() as isize;
-        Self { taps: taps(sigma, steps, sigma.recip()), falloff: falloff(colour), dense: true }
+    pub fn new(sigma: f64, colour: f64) -> Self {
+        Self { taps: taps(sigma, 2, 0.75), falloff: (0.5 / (colour * colour)) as f32 }
     }
 
-    /// A grid of 5 x 5 pixels, 3/4 of `sigma` apart; the border is repeated.
-    #[must_use]
-    pub fn sparse(sigma: f64, colour: f64) -> Self {
-        Self { taps: taps(sigma, 2, 0.75), falloff: falloff(colour), dense: false }
-    }
-
-    /// The filtered map, `[height, width]`. `guide` has the channels of an image of the map's size. Pixels where `support` is 0 have no
-    /// weight, but must be finite too; a pixel without any weight around it keeps its value.
+    /// The filter of a map `[height, width]` row by row, which the caller may run in parallel: the function writes a row of the result, nothing
+    /// where there is no such row. `guide` has the channels of an image of the map's size.
     ///
     /// # Errors
-    /// [`Error::Size`] where support or guide have another size.
-    pub fn filter(
-        &self,
-        map: ArrayView2<'_, f32>,
-        support: Option<ArrayView2<'_, f32>>,
-        guide: &[Array2<f32>],
-    ) -> Result<Array2<f32>> {
-        let rows = self.rows(map, support, guide)?;
-        let mut out = Array2::zeros(map.dim());
-        if let Some(values) = out.as_slice_mut() {
-            values.chunks_mut(map.ncols().max(1)).enumerate().for_each(|(y, row)| rows(y, row));
-        }
-        Ok(out)
-    }
-
-    /// The same row by row, for a caller that filters rows in parallel: the function writes a row of the filtered map, nothing where there is
-    /// no such row.
-    ///
-    /// # Errors
-    /// As [`filter`](Self::filter).
+    /// [`Error::Size`] where the guide has another size.
     pub fn rows<'m>(
         &'m self,
         map: ArrayView2<'m, f32>,
-        support: Option<ArrayView2<'m, f32>>,
         guide: &'m [Array2<f32>],
     ) -> Result<impl Fn(usize, &mut [f32]) + 'm> {
-        let supports = support.iter().map(|support| ("the support", support.dim()));
-        for (what, found) in supports.chain(guide.iter().map(|channel| ("the guide", channel.dim()))) {
-            if found != map.dim() {
-                return Err(Error::Size { what, found, expected: map.dim() });
-            }
+        if let Some(found) = guide.iter().map(|channel| channel.dim()).find(|found| *found != map.dim()) {
+            return Err(Error::Size { what: "the guide", found, expected: map.dim() });
         }
-        let Self { taps, falloff, dense } = self;
+        let Self { taps, falloff } = self;
         let (height, width) = map.dim();
         Ok(move |y: usize, out: &mut [f32]| {
             if y >= height || width == 0 {
@@ -225,30 +196,17 @@ impl JointBilateral {
             let (mut weights, mut there) = (vec![0.0_f32; width], vec![0.0_f32; width]);
             let here: Vec<Cow<'_, [f32]>> = guide.iter().map(|channel| line(channel.row(y))).collect();
             for tap in taps {
-                let row = match y.checked_add_signed(tap.down) {
-                    Some(row) if row < height => row,
-                    _ if *dense => continue,
-                    Some(_) => height - 1,
-                    None => 0,
-                };
-                // The pixels that take part: in a dense filter those whose neighbour is in the map.
-                let pixels = if *dense { within(tap.across, width) } else { 0..width };
-                let (weights, there) = (&mut weights[pixels.clone()], &mut there);
+                let row = y.saturating_add_signed(tap.down).min(height - 1);
                 weights.fill(0.0);
                 for (channel, here) in guide.iter().zip(&here) {
-                    shift(channel.row(row), tap.across, there);
-                    let pairs = there[pixels.clone()].iter().zip(&here[pixels.clone()]);
+                    shift(channel.row(row), tap.across, &mut there);
+                    let pairs = there.iter().zip(&**here);
                     weights.iter_mut().zip(pairs).for_each(|(sum, (t, h))| *sum += (t - h) * (t - h));
                 }
                 weights.iter_mut().for_each(|w| *w = tap.weight * approximate_exp(*w * falloff));
-                if let Some(support) = support {
-                    shift(support.row(row), tap.across, there);
-                    weights.iter_mut().zip(&there[pixels.clone()]).for_each(|(w, known)| *w *= known);
-                }
-                shift(map.row(row), tap.across, there);
-                let values = weights.iter().zip(&there[pixels.clone()]);
-                let sums = sum[pixels.clone()].iter_mut().zip(&mut total[pixels]);
-                sums.zip(values).for_each(|((sum, total), (&w, &v))| {
+                shift(map.row(row), tap.across, &mut there);
+                let sums = sum.iter_mut().zip(&mut total);
+                sums.zip(weights.iter().zip(&there)).for_each(|((sum, total), (&w, &v))| {
                     *sum += w * v;
                     *total += w;
                 });
@@ -260,21 +218,14 @@ impl JointBilateral {
     }
 }
 
-/// The pixels of a row of so many whose neighbour `across` is in it.
-fn within(across: isize, width: usize) -> std::ops::Range<usize> {
-    let first = across.min(0).unsigned_abs().min(width);
-    first..(width - across.max(0).unsigned_abs().min(width)).max(first)
-}
-
 /// The neighbours `across` of a row's pixels, with the border repeated.
 fn shift(row: ArrayView1<'_, f32>, across: isize, out: &mut [f32]) {
     let width = row.len();
-    let pixels = within(across, width);
-    let from = pixels.start.saturating_add_signed(across).min(width);
-    out[..pixels.start].fill(row[0]);
-    out[pixels.end..].fill(row[width - 1]);
-    let count = pixels.len();
-    out[pixels].copy_from_slice(&line(row)[from..][..count]);
+    let [before, after] = [-across, across].map(|beyond| beyond.max(0).unsigned_abs().min(width));
+    out[..before].fill(row[0]);
+    out[width - after..].fill(row[width - 1]);
+    let count = width - before - after;
+    out[before..][..count].copy_from_slice(&line(row)[after..][..count]);
 }
 
 /// A row as a slice, copied only where its values do not lie side by side.
@@ -293,10 +244,6 @@ fn taps(sigma: f64, steps: isize, stride: f64) -> Vec<Tap> {
         weight: (-0.5 * stride * stride * (down * down + across * across) as f64).exp() as f32,
     };
     pairs.map(tap).collect()
-}
-
-fn falloff(colour: f64) -> f32 {
-    (0.5 / (colour * colour)) as f32
 }
 
 /// \\(e^{-u}\\) as \\((1 - u/n)^n\\) with \\(n = 2^{10}\\), which is off by less than \\(u^2/n\\) of itself and needs no branch.
@@ -343,27 +290,16 @@ mod tests {
             }
         }
 
-        /// A weighted mean stays between its values, and a constant guide makes it a plain mean: constants stay.
+        /// A weighted mean stays between its values.
         #[test]
-        fn a_bilateral_filter_stays_within_the_range(map in any_map(), sigma in 0.3_f64..3.0, dense: bool) {
+        fn a_bilateral_filter_stays_within_the_range(map in any_map(), sigma in 0.3_f64..3.0) {
             let map = map.mapv(|v| v as f32);
-            let filter = if dense { JointBilateral::dense(sigma, 0.1) } else { JointBilateral::sparse(sigma, 0.1) };
             let guide = [map.mapv(|v| 0.05 * v)];
-            let filtered = filter.filter(map.view(), None, &guide)?;
+            let (filter, mut filtered) = (JointBilateral::new(sigma, 0.1), map.clone());
+            let rows = filter.rows(map.view(), &guide)?;
+            filtered.outer_iter_mut().enumerate().for_each(|(y, mut row)| rows(y, row.as_slice_mut().unwrap()));
             let (low, high) = map.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
             prop_assert!(filtered.iter().all(|v| (low - 1e-5..=high + 1e-5).contains(v)));
-            let support = Array2::zeros(map.dim());
-            prop_assert_eq!(filter.filter(map.view(), Some(support.view()), &guide)?, map);
         }
-    }
-
-    #[test]
-    fn without_support_a_pixel_has_no_weight() {
-        let map = ndarray::array![[1.0_f32, 100.0, 1.0]];
-        let support = ndarray::array![[1.0_f32, 0.0, 1.0]];
-        let filtered = JointBilateral::dense(1.0, 0.1)
-            .filter(map.view(), Some(support.view()), &[Array2::zeros((1, 3))])
-            .unwrap();
-        assert!(filtered.iter().all(|v| (v - 1.0).abs() < 1e-6), "{filtered}");
     }
 }

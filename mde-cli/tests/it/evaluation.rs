@@ -56,7 +56,7 @@ fn methods_are_compared_and_nothing_is_run_twice() {
 
     let written = || fs::metadata(place.path("e/scenes/study-0/tiny/depth.npy")).unwrap().modified().unwrap();
     let before = written();
-    place.prints(&command.replace(",zoom", ",jbf"), 0, "study-0 jbf: ; !0 tiny:");
+    place.prints(&command.replace(",zoom", ",noise"), 0, "study-0 noise: ; !0 tiny:");
     assert_eq!(written(), before);
     place.write("tiny.toml", tiny(61, 2));
     let why = "study-0 tiny: computed again, since settings.method.config.nerf.train.steps: 60 -> 61";

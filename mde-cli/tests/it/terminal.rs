@@ -75,7 +75,7 @@ fn an_evaluation_on_a_terminal_ends_with_its_verdict_and_one_line() {
     let end = "6 scenes; report: one/report.html; tables: one/table.md";
     assert!(one.last().unwrap().ends_with(end), "{one:#?}");
     // The simulated prior accepts no crops: that method fails in each scene.
-    let more = eval("guided,jbf,unsharp1,zoom", "more");
+    let more = eval("guided,noise,unsharp1,zoom", "more");
     assert!(more.len() <= 24 && more[1].starts_with("- "), "{more:#?}");
     let failures = more.iter().filter(|line| line.contains("failed")).collect::<Vec<_>>();
     assert!(failures.len() == 2 && failures[0].starts_with("- failed: zoom on 6 scenes: "), "{more:#?}");

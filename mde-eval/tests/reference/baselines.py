@@ -56,16 +56,6 @@ def colour_weights(v, u, w, sigma):
     return np.exp(-((image[w] - image[v, u]) ** 2).sum(2) / (2 * sigma**2)) * known[w]
 
 
-def jbf(space=8.0, colour=0.1):
-    def pixel(v, u):
-        w = window(v, u, 16)
-        near = np.exp(-((y[w] - v) ** 2 + (x[w] - u) ** 2) / (2 * space**2))
-        weight = near * colour_weights(v, u, w, colour)
-        return (weight * depth[w]).sum() / weight.sum()
-
-    return each(pixel)
-
-
 def unsharp(amount=1.0, sigma=8.0):
     logs = np.log(np.where(known, depth, 1.0))
     blur = lambda m: ndimage.gaussian_filter(m, sigma, mode="constant", truncate=4.0)
@@ -104,7 +94,7 @@ def fbs(lam=128.0):
     return (splat.T @ linalg.spsolve(a.tocsc(), splat @ (c * t))).reshape(H, W)
 
 
-expected = {"guided": guided(), "jbf": jbf(), "unsharp1": unsharp(), "fbs": fbs()}
+expected = {"guided": guided(), "unsharp1": unsharp(), "fbs": fbs()}
 out = {
     "image": [np.round(image[..., c], 6).tolist() for c in range(3)],
     "depth": np.round(depth, 6).tolist(),

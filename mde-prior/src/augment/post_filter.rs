@@ -45,8 +45,8 @@ pub(super) fn bilateral(
 ) -> Result<Array2<f32>> {
     let guide: Vec<Array2<f32>> =
         image.axis_iter(Axis(2)).map(|channel| blurred(channel, NOISE, NOISE)).collect();
-    let filter = JointBilateral::sparse(sigma, COLOUR);
-    let rows = filter.rows(map, None, &guide).map_err(|e| Error::Input(e.to_string()))?;
+    let filter = JointBilateral::new(sigma, COLOUR);
+    let rows = filter.rows(map, &guide).map_err(|e| Error::Input(e.to_string()))?;
     let mut filtered = Array2::zeros(map.dim());
     if let Some(values) = filtered.as_slice_mut() {
         let width = map.ncols().max(1);

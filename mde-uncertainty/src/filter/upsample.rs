@@ -57,7 +57,7 @@ impl<'g> JointUpsampling<'g> {
         let width = |channels: &[Array2<f32>]| channels.first().map_or(0, |channel| channel.ncols());
         let (from, to) = (width(small), width(large));
         let columns = (0..to).map(|x| taps(x, from, to)).collect();
-        Ok(Self { small, large, falloff: super::falloff(colour), columns })
+        Ok(Self { small, large, falloff: (0.5 / (colour * colour)) as f32, columns })
     }
 
     /// Writes row `y` of each map's larger version to `out`, one row per map. A value that is not finite or not positive is missing and
