@@ -27,7 +27,6 @@ pub use refinement::stages::{FieldFactory, FieldRequest, Stages};
 pub use refiner::{Observer, Plan, Prepared, Refined, Refiner, Settings};
 pub use reports::Refinement;
 pub use scene::{Photograph, Scene};
-pub use several::refine_several;
 pub use {mde_fusion, mde_mvs, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 

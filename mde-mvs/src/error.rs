@@ -22,6 +22,9 @@ pub enum Error {
     /// A view, a camera or a map that [`mde_warp`] refuses.
     #[error(transparent)]
     View(#[from] mde_warp::Error),
+    /// A photograph that could not be read when it was needed.
+    #[error("{0}")]
+    Photograph(String),
     /// The callback of a stage returned `Break`.
     #[error("interrupted")]
     Interrupted,

@@ -21,7 +21,7 @@ pub use inference::{OnnxPrior, RecognisedBy, Runtime};
 pub use io::open::{self, FileKind};
 pub use io::resample;
 #[cfg(feature = "io")]
-pub use io::{format, photo, write_atomic};
+pub use io::{format, photo, pixels, write_atomic};
 pub use ndarray;
 #[cfg(feature = "io")]
 pub use prior::FilePrior;

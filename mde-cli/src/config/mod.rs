@@ -128,7 +128,7 @@ impl Default for NovelViews {
     }
 }
 
-/// Several photographs of one scene ([`refine_several`](crate::several::refine_several)).
+/// Several photographs of one scene ([`PreparedScene`](crate::several::prepared::PreparedScene)).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct MultiViewConfig {

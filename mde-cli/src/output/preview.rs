@@ -2,12 +2,12 @@
 
 use crate::output::canvas::{Canvas, Colour, text_width};
 use crate::output::files::ResultFiles;
-use crate::scene::size::byte;
+use crate::scene::{Image, byte};
 use colorous::{Gradient, MAGMA, SPECTRAL};
 use mde_prior::resample::{nearest, shrink};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip};
+use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 use std::sync::LazyLock;
 
 const BACKGROUND: Colour = [255; 3];
@@ -144,7 +144,7 @@ fn widths(columns: usize) -> [usize; 2] {
 
 /// Photographs `[height, width, 3]` at one height, to stand in a row above the [`preview`] of an image with that many columns. Empty
 /// for fewer than two.
-pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<f32>> {
+pub fn strip(photographs: &[Image], columns: usize) -> Vec<Array3<f32>> {
     let shapes = photographs.iter().map(|p| p.dim().1 as f64 / p.dim().0.max(1) as f64);
     let all: f64 = shapes.sum();
     if photographs.len() < 2 || all <= 0.0 {
@@ -153,9 +153,9 @@ pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<
     let [_, whole] = widths(columns);
     let inner = whole.saturating_sub(MARGIN * (photographs.len() + 1));
     let height = ((inner as f64 / all) as usize).clamp(1, THUMBNAIL);
-    let small = |photograph: &ArrayView3<'_, f32>| {
+    let small = |photograph: &Image| {
         let (rows, columns, _) = photograph.dim();
-        shrink(*photograph, (height, (columns * height / rows.max(1)).max(1)))
+        shrink(photograph.view(), (height, (columns * height / rows.max(1)).max(1)))
     };
     photographs.iter().map(small).collect()
 }
@@ -263,8 +263,8 @@ mod tests {
 
     /// A preview of 30 x 300 pixels with the depth as its own prior.
     fn shown(depth: &Array2<f32>, sigma: f32, photographs: &[f32]) -> Array3<u8> {
-        let images: Vec<_> = photographs.iter().map(|&grey| Array3::from_elem((30, 300, 3), grey)).collect();
-        let views: Vec<_> = images.iter().map(|image| image.view()).collect();
+        let image = |&grey: &f32| Array3::from_elem((30, 300, 3), grey).into_shared();
+        let images: Vec<_> = photographs.iter().map(image).collect();
         let refined = GaussianDepth::new(depth.clone(), depth.mapv(|_| 1.0)).unwrap();
         let camera = PinholeCamera::from_fov(60.0, 300, 30).unwrap();
         let (sigma, png) = (Array2::from_elem((30, 300), sigma), DepthPng::new("m", depth.iter().copied()));
@@ -272,11 +272,11 @@ mod tests {
             depth: &refined,
             sigma: sigma.view(),
             prior: depth.view(),
-            image: views[0],
+            image: images[0].view(),
             camera,
             png,
             beside: Beside {
-                strip: strip(&views, 300),
+                strip: strip(&images, 300),
                 truth: Some(depth.view()),
                 evidence: vec![("confirmed", sigma.view())],
                 ..Beside::default()

@@ -126,7 +126,7 @@ impl Job<'_> {
             strip: strip(&refined.shown(), refined.image.dim().1),
             truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
         };
-        let (sigma, prior, image, png) = (sigma.view(), prior.view(), refined.image, refined.png);
+        let (sigma, prior, image, png) = (sigma.view(), prior.view(), refined.image.view(), refined.png);
         let files = ResultFiles { depth, sigma, prior, image, camera, png, beside };
         files.write(path)?;
         let config = refined.config_toml(&settings.config)?;
@@ -135,7 +135,7 @@ impl Job<'_> {
             let place = path.join("photographs");
             fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
             for photograph in &refined.scene.photographs {
-                write_image(place.join(&photograph.name), photograph.image.view())?;
+                write_image(place.join(&photograph.name), photograph.image.read()?.view())?;
             }
         }
         let field = refined.refinement.field.as_ref().filter(|_| settings.keep_field);

@@ -301,12 +301,12 @@ impl Observer for Progress {
                 (Stage::Render, counts, format!("rows, view {}/{views}", view + 1), value)
             }
             Event::Field { .. } => return interrupt::flow(),
-            Event::Predicted { done, total } => {
-                let value = json!({ "event": "predicted", "done": done, "total": total });
-                (Stage::Prior, [done, total], "predictions of the model".to_owned(), value)
-            }
             Event::Part { stage, done, total } => {
-                let what = if stage == Stage::Poses { "pairs of photographs" } else { "photographs" };
+                let what = match stage {
+                    Stage::Prior => "predictions of the model",
+                    Stage::Poses => "pairs of photographs",
+                    _ => "photographs",
+                };
                 let value = json!({ "event": stage.name(), "done": done, "total": total });
                 (stage, [done, total], what.to_owned(), value)
             }

@@ -63,20 +63,14 @@ pub enum Event {
         /// Number of views to render; 0 during the fit.
         views: usize,
     },
-    /// Of several photographs a pair is matched ([`Stage::Poses`]), or one is swept ([`Stage::Sweep`]).
+    /// A prediction is finished ([`Stage::Prior`]); of several photographs a pair is matched ([`Stage::Poses`]), or one is swept
+    /// ([`Stage::Sweep`]).
     Part {
         /// The stage.
         stage: Stage,
         /// Parts so far.
         done: usize,
         /// Parts in total.
-        total: usize,
-    },
-    /// The model finished a prediction.
-    Predicted {
-        /// Predictions so far.
-        done: usize,
-        /// Predictions in total.
         total: usize,
     },
 }

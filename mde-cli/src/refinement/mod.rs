@@ -51,7 +51,7 @@ pub fn refine(
     let mut run = Run { image, camera, config, callback };
     let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
         run.predict(stages.prior, stages.at_once)?;
-    check_prior(prior.view(), image)?;
+    check_prior(prior.view(), (image.dim().0, image.dim().1))?;
     if !config.refinement.fits_a_field() {
         let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
         let depth = anchor.map(|mean, variance| (mean, variance + (share as f32 * mean).powi(2)));
@@ -106,7 +106,9 @@ impl Run<'_, '_> {
         let begin = self.begin(Stage::Prior, 0)?;
         let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
         let mut listen = |progress| match progress {
-            Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
+            Progress::Predicted { done, total } => {
+                callback(&Event::Part { stage: Stage::Prior, done, total })
+            }
             Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
         };
         let mut start = predict(model, self.image, self.config, at_once, &mut listen)?;
@@ -159,8 +161,7 @@ fn shared_error(depth: &GaussianDepth, share: f64) -> Component {
 const LEAST: f32 = 1e-12;
 const MOST: f32 = 1e12;
 
-pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
-    let [height, width] = [image.shape()[0], image.shape()[1]];
+pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Result<()> {
     if prior.dim() != (height, width) {
         return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
     }

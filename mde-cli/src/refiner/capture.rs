@@ -5,6 +5,7 @@ use crate::refiner::{Observer, Plan, Refiner};
 use crate::scene::{CameraSource, GivenCamera, KnownCamera, Photograph, Scene};
 use mde_mvs::capture::{CaptureFiles, Distortion, Lens};
 use mde_prior::photo::{image_size, read_image};
+use mde_prior::pixels::{Pixels, Recent};
 use std::path::{Path, PathBuf};
 
 impl Refiner<'_> {
@@ -49,30 +50,36 @@ impl Refiner<'_> {
         };
         let (nearest, size) = (order.len(), capture.frames[reference].lens.camera.dim());
         let plan = self.plan(&format!("{flag}{source}: {nearest} photographs"), size, nearest)?;
-        let (mut photographs, mut first) = (Vec::new(), None);
+        let (mut photographs, mut first, recent) = (Vec::new(), None, Recent::default());
         let lost = |path: &PathBuf| {
             (path.display().to_string(), format!("{}: no readable photograph", path.display()))
         };
         let mut unreadable: Vec<_> = capture.unreadable.iter().map(lost).collect();
         for &index in &order {
-            let frame = &capture.frames[index];
+            let (frame, sizes) = (capture.frames[index].clone(), self.settings.sizes);
             let name = frame.photograph.display().to_string();
-            let pixels = match read_image(&frame.photograph) {
-                Ok(photo) => photo.pixels,
+            let open = move || {
+                let fault = |error| format!("{}: {}", frame.photograph.display(), text(&error));
+                let view = frame.view(read_image(&frame.photograph)?.pixels.view());
+                view.map_err(|error| mde_prior::Error::Input(fault(error)))
+            };
+            let view = match open() {
+                Ok(view) => view,
+                Err(mde_prior::Error::Input(fault)) => return Err(Error::Argument(fault)),
                 Err(error) if image.is_none() || index != reference => {
                     unreadable.push((name, text(&error)));
                     continue;
                 }
                 Err(error) => return Err(error.into()),
             };
-            let view = frame
-                .view(pixels.view())
-                .map_err(|error| Error::Argument(format!("{name}: {}", text(&error))))?;
             let camera = KnownCamera { camera: view.camera, source: CameraSource::File(source.clone()) };
-            let mut photograph = Photograph::new(name, view.image, camera);
-            (photograph.mask, photograph.pose) = (view.mask, Some(view.pose));
+            let (mask, pose) = (view.mask, Some(view.pose));
+            let photograph = Photograph { mask, pose, ..Photograph::new(name, view.image, camera) };
+            let mut photograph = photograph.resized(&sizes, true, &mut |text| seen.warn(text))?;
+            let again = move || Ok(sizes.refined(open()?.image));
+            photograph.image = Pixels::in_file(photograph.image.read()?, (&recent, index), again);
+            photographs.push(photograph);
             first = first.or(Some(index));
-            photographs.push(photograph.resized(&self.settings.sizes, true, &mut |text| seen.warn(text))?);
         }
         let (scene, _) = scene_of(photographs, unreadable, seen)?;
         if nearest < count {
@@ -116,8 +123,11 @@ pub fn scene_of(
             rest[0].mask = before[index - 1].mask.clone();
         }
     }
+    let contents = photographs.iter().map(|one| Ok((one.size(), one.image.content()?)));
+    let contents = contents.collect::<Result<Vec<_>>>()?;
     let same = |index: usize| {
-        photographs[..index].iter().find(|other| other.image == photographs[index].image).map(|one| &one.name)
+        let before = contents[..index].iter().position(|content| *content == contents[index]);
+        before.map(|other| &photographs[other].name)
     };
     let copies: Vec<_> = (0..photographs.len()).map(same).collect();
     for (photograph, other) in photographs.iter().zip(&copies) {

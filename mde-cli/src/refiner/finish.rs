@@ -6,14 +6,14 @@ use crate::prior::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
 use crate::refiner::plausibility::{contradicted, doubts};
 use crate::refiner::{Prepared, Settings, Stated};
-use crate::reports::capture::PhotographReport;
 use crate::reports::{CaptureReport, Component, Refinement};
-use crate::scene::{KnownCamera, Photograph, SameScale, Scene, byte, thumbnail};
+use crate::scene::{Image, KnownCamera, Photograph, SameScale, Scene, byte, thumbnail};
 use mde_prior::DepthKind;
 use mde_prior::format::DepthPng;
+use mde_prior::pixels::RECENT;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
-use ndarray::{Array3, ArrayView3};
+use ndarray::Array3;
 use serde::Serialize;
 use std::path::Path;
 
@@ -62,7 +62,10 @@ pub struct Refined<'s> {
     pub photograph: usize,
     /// It at the size of the maps, sRGB in 0 to 1, `[height, width, 3]`.
     #[serde(skip)]
-    pub image: ArrayView3<'s, f32>,
+    pub image: Image,
+    /// Indices and images of the other photographs that were used.
+    #[serde(skip)]
+    pub used: Vec<(usize, Image)>,
     /// Its camera.
     #[serde(skip)]
     pub camera: KnownCamera,
@@ -119,10 +122,14 @@ impl<'s> Prepared<'s> {
         &self,
         mut refinement: Refinement,
         photograph: usize,
-        (image, camera): (ArrayView3<'s, f32>, KnownCamera),
+        (image, camera): (Image, KnownCamera),
         warn: &mut dyn FnMut(String),
     ) -> Result<Refined<'s>> {
         let (scene, origin) = (self.scene, self.origin());
+        let reports = refinement.capture.iter().flat_map(|report| &report.photographs).enumerate();
+        let others = reports.filter(|(index, report)| report.used && *index != photograph);
+        let others: Result<_> =
+            others.map(|(index, _)| Ok((index, scene.photographs[index].image.read()?))).collect();
         let Settings { config, error_bar, .. } = &self.refiner.settings;
         let report = refinement.capture.as_ref();
         let used = report.is_some_and(|report| report.fallback.is_none());
@@ -192,6 +199,7 @@ impl<'s> Prepared<'s> {
             scene,
             photograph,
             image,
+            used: others?,
             camera,
             refinement,
             unit,
@@ -219,37 +227,31 @@ impl<'s> Refined<'s> {
         Ok(comment.unwrap_or_default() + &config.to_toml()?)
     }
 
-    /// The photographs that were used, this one first; none where it was refined alone.
-    pub fn shown(&self) -> Vec<ArrayView3<'s, f32>> {
-        let others = self.used().map(|(_, one, _)| one.image.view());
-        self.refinement.capture.iter().map(|_| self.image).chain(others).collect()
+    /// The photographs that were used, this one first.
+    pub fn shown(&self) -> Vec<Image> {
+        std::iter::once(&self.image).chain(self.used.iter().map(|(_, image)| image)).cloned().collect()
     }
 
     /// The other photographs that were used and have a place in the frame of this one, each with a name of its own.
     pub fn others(&self) -> Vec<Other> {
-        let other = |(index, one, report): (usize, &Photograph, &PhotographReport)| {
-            let stem = Path::new(&one.name).file_stem()?.to_string_lossy();
-            let (name, picture) = (format!("{index:02}-{stem}.png"), one.image.mapv(byte));
+        let other = |(index, image): &(usize, Image)| {
+            let report = self.refinement.capture.as_ref()?.photographs.get(*index)?;
+            let stem = Path::new(&report.name).file_stem()?.to_string_lossy();
+            let (name, picture) = (format!("{index:02}-{stem}.png"), image.mapv(byte));
             Some(Other { name, picture, camera: report.camera?, pose: report.pose? })
         };
-        self.used().filter_map(other).collect()
+        self.used.iter().filter_map(other).collect()
     }
 
-    /// The other photographs that were used, with their indices and reports.
-    fn used(&self) -> impl Iterator<Item = (usize, &'s Photograph, &PhotographReport)> {
-        let reports = self.refinement.capture.iter().flat_map(|report| &report.photographs);
-        let all = self.scene.photographs.iter().zip(reports).enumerate();
-        let all = all.map(|(index, (one, report))| (index, one, report));
-        all.filter(|(index, _, report)| report.used && *index != self.photograph)
-    }
-
-    /// Pictures of several photographs, by file names: the photographs, small, and the novel view beside what the field renders.
+    /// Small pictures of several photographs by file names, of a long capture of those used, and the novel view beside its rendering.
     pub fn pictures(&self) -> Vec<(String, Array3<u8>)> {
         let Some(report) = &self.refinement.capture else { return Vec::new() };
-        let small = |image: ArrayView3<'_, f32>| thumbnail(image).mapv(byte);
-        let photographs = self.scene.photographs.iter().enumerate();
-        let mut pictures: Vec<_> =
-            photographs.map(|(index, one)| (picture_of(index), small(one.image.view()))).collect();
+        let few = report.photographs.len() <= RECENT;
+        let small = |(index, one): (usize, &Photograph)| {
+            let image = (few || report.photographs.get(index)?.used).then(|| one.image.read().ok())??;
+            Some((picture_of(index), thumbnail(image.view()).mapv(byte)))
+        };
+        let mut pictures: Vec<_> = self.scene.photographs.iter().enumerate().filter_map(small).collect();
         if let Some(novel) = &report.novel {
             pictures.push((NOVEL.to_owned(), novel.image.mapv(byte)));
             pictures.push((RENDERED.to_owned(), novel.rendered.mapv(byte)));

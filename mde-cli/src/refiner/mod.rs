@@ -225,7 +225,7 @@ impl<'p> Refiner<'p> {
         if !(photograph.camera.is_assumed() && origin.model.as_ref().is_some_and(has_camera)) {
             return Ok(None);
         }
-        let predicted = self.prior.prior().predict(photograph.image.view())?;
+        let predicted = self.prior.prior().predict(photograph.image.read()?.view())?;
         let Some([fx, fy, cx, cy]) = predicted.intrinsics else { return Ok(None) };
         let (height, width) = photograph.size();
         let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(|error| {
@@ -245,7 +245,7 @@ impl<'p> Refiner<'p> {
         seen: &mut dyn Observer,
     ) -> Result<mde_mvs::poses::Prepared> {
         let (prior, camera) = self.bind(photograph, false, seen)?;
-        scale.prepare(photograph.image.view(), &camera, &prior)
+        scale.prepare(photograph.image.read()?.view(), &camera, &prior)
     }
 
     /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of views.
@@ -328,9 +328,10 @@ impl<'s> Prepared<'s> {
         }
         stages.serves_one = prior.origin.form != PriorForm::Nothing;
         let mut observe = |event: &Event| seen.event(event);
+        let mut image = shown.image.read()?;
         let mut refinement = match several {
             Some(several) => several.refine(photograph, stages, &mut observe)?,
-            None => refine(shown.image.view(), &camera.camera, stages, config, &mut observe)?,
+            None => refine(image.view(), &camera.camera, stages, config, &mut observe)?,
         };
         if refiner.settings.keep_field && refinement.field.is_none() {
             seen.warn(
@@ -338,10 +339,9 @@ impl<'s> Prepared<'s> {
                     .to_owned(),
             );
         }
-        let mut image = shown.image.view();
         if let Some(full) = &shown.full {
-            refinement = refinement.upsampled(image, full.view())?;
-            (image, camera) = (full.view(), camera.resized(shown.of_results())?);
+            refinement = refinement.upsampled(image.view(), full.view())?;
+            (image, camera) = (full.clone(), camera.resized(shown.of_results())?);
         }
         self.finish(refinement, photograph, (image, camera), &mut |text| seen.warn(text))
     }
@@ -355,8 +355,8 @@ impl<'s> Prepared<'s> {
         if let Some(depth) = self.several.as_ref().and_then(|several| several.prior_depth(reference)) {
             return Ok(depth.to_owned());
         }
-        let image = self.scene.photographs[reference].image.view();
-        Ok(self.prior.predict(image)?.to_depth(&self.refiner.settings.config.disparity)?)
+        let image = self.scene.photographs[reference].image.read()?;
+        Ok(self.prior.predict(image.view())?.to_depth(&self.refiner.settings.config.disparity)?)
     }
 
     /// The camera of the reference.
@@ -388,8 +388,8 @@ impl<'s> Prepared<'s> {
     pub fn synthetic_views(&self) -> Result<(Vec<PosedView>, WarpReport)> {
         let photograph = &self.scene.photographs[self.scene.reference];
         let depth = self.prior_depth()?;
-        crate::refinement::check_prior(depth.view(), photograph.image.view())?;
+        crate::refinement::check_prior(depth.view(), photograph.size())?;
         let config = &self.refiner.settings.config;
-        synthesise(photograph.image.view(), &self.camera.camera, &known(depth)?, config, 0)
+        synthesise(photograph.image.read()?.view(), &self.camera.camera, &known(depth)?, config, 0)
     }
 }

@@ -48,12 +48,12 @@ impl OneScale {
         let depth = prior.predict(image)?.to_depth(&self.disparity)?;
         let (height, width, _) = image.dim();
         let size = within((height, width), LONGER_SIDE);
-        let (image, depth) = (shrink(image, size), nearest(depth.view(), size));
+        let (image, depth) = (shrink(image, size), nearest(depth.view(), size).into_shared());
         let photograph = PoseInput {
             image: image.view(),
             camera: camera.camera.resized(size.1, size.0)?,
             focal_assumed: camera.is_assumed(),
-            prior: Some(depth.view()),
+            prior: Some(&depth),
         };
         Ok(Prepared::new(&photograph, FEATURES)?)
     }

@@ -6,14 +6,15 @@ pub mod size;
 
 pub use camera::{CameraSource, GivenCamera, KnownCamera};
 pub use known::{KnownDepth, KnownDepths};
-pub(crate) use size::within;
+pub use mde_prior::pixels::{Image, Pixels};
 pub use size::{SMALLEST, Sizes, byte, thumbnail};
+pub(crate) use size::{shrunk, within};
 
 use crate::error::{Error, Result};
-use mde_prior::resample::{nearest, shrink};
+use mde_prior::resample::nearest;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Point3;
-use ndarray::{ArcArray, Array2, Ix2, Ix3};
+use ndarray::{ArcArray, Array2, Ix2};
 use serde::Serialize;
 
 /// A photograph at the size at which it is refined.
@@ -21,8 +22,8 @@ use serde::Serialize;
 pub struct Photograph {
     /// Its name in reports and messages; unique within a scene.
     pub name: String,
-    /// sRGB in 0 to 1, `[height, width, 3]`, without lens distortion; its views share it.
-    pub image: ArcArray<f32, Ix3>,
+    /// Its colours, without lens distortion.
+    pub image: Pixels,
     /// False where the image has no content, `[height, width]`.
     pub mask: ArcArray<bool, Ix2>,
     /// The camera at this size. An assumed focal length is estimated where there are several photographs without poses.
@@ -32,28 +33,29 @@ pub struct Photograph {
     /// `(height, width)` as given.
     pub original: (usize, usize),
     /// The photograph at the size of the results, where it is refined at a smaller one.
-    pub full: Option<ArcArray<f32, Ix3>>,
+    pub full: Option<Image>,
 }
 
 impl Photograph {
     /// A photograph of that camera, as it is.
-    pub fn new(name: impl Into<String>, image: impl Into<ArcArray<f32, Ix3>>, camera: KnownCamera) -> Self {
+    pub fn new(name: impl Into<String>, image: impl Into<Pixels>, camera: KnownCamera) -> Self {
         let image = image.into();
-        let (height, width, _) = image.dim();
-        let mask = Array2::from_elem((height, width), true).into_shared();
-        Self { name: name.into(), image, mask, camera, pose: None, original: (height, width), full: None }
+        let original = image.size();
+        let mask = Array2::from_elem(original, true).into_shared();
+        Self { name: name.into(), image, mask, camera, pose: None, original, full: None }
     }
 
     /// Resizes it. One of `several` photographs has its results at the size of the refinement. Other sizes are reported to `warn`.
     ///
     /// # Errors
-    /// [`Error::Argument`] for a size that is too small, [`Error::Warp`] for a camera that can't be resized.
+    /// [`Error::Argument`] for a size that is too small, [`Error::Warp`] for a camera that can't be resized, and those of
+    /// [`Pixels::read`].
     pub fn resized(mut self, sizes: &Sizes, several: bool, warn: &mut dyn FnMut(String)) -> Result<Self> {
         let size = sizes.of_results(self.original);
         let at = sizes.of_refinement(size);
         let (height, width) = size;
+        let full = shrunk(self.image.read()?, size);
         if size != self.original {
-            self.image = shrink(self.image.view(), size).into_shared();
             let (from_height, from_width) = self.original;
             warn(format!(
                 "resized from {from_width}x{from_height} to {width}x{height} pixels; {{max-size}} sets this"
@@ -68,9 +70,9 @@ impl Photograph {
         if at != size {
             let (rows, columns) = at;
             warn(format!("{width}x{height} pixels: refined at {columns}x{rows}; {{work-size}} sets this"));
-            let small = shrink(self.image.view(), at).into_shared();
-            self.full = Some(std::mem::replace(&mut self.image, small)).filter(|_| !several);
+            self.full = (!several).then(|| full.clone());
         }
+        self.image = shrunk(full, at).into();
         self.camera = self.camera.resized(at)?;
         if self.mask.dim() != at {
             self.mask = nearest(self.mask.view(), at).into_shared();
@@ -80,19 +82,18 @@ impl Photograph {
 
     /// `(height, width)` of the refinement.
     pub fn size(&self) -> (usize, usize) {
-        let (height, width, _) = self.image.dim();
-        (height, width)
+        self.image.size()
     }
 
     /// `(height, width)` of the results.
     pub fn of_results(&self) -> (usize, usize) {
-        let (height, width, _) = self.full.as_ref().unwrap_or(&self.image).dim();
-        (height, width)
+        self.full.as_ref().map_or(self.size(), |full| (full.dim().0, full.dim().1))
     }
 
-    /// The photograph with that pose and camera, without a depth hypothesis.
-    pub(crate) fn view(&self, pose: Pose, camera: PinholeCamera) -> PosedView {
-        PosedView { image: self.image.clone(), camera, pose, mask: self.mask.clone(), hypotheses: Vec::new() }
+    /// The photograph with that pose and camera, without a depth hypothesis and with an empty image.
+    pub(crate) fn place(&self, pose: Pose, camera: PinholeCamera) -> PosedView {
+        let (image, mask) = (Image::default((0, 0, 3)), self.mask.clone());
+        PosedView { image, camera, pose, mask, hypotheses: Vec::new() }
     }
 }
 
@@ -158,8 +159,10 @@ impl Scene {
             if self.photographs[..index].iter().any(|other| other.name == *name) {
                 return fault(format!("two photographs are named {name}"), "rename one");
             }
-            let pose = photograph.pose.unwrap_or_else(Pose::identity);
-            if let Err(error) = photograph.view(pose, photograph.camera.camera).validate() {
+            let camera = &photograph.camera.camera;
+            let sizes = [("image", photograph.size()), ("mask", photograph.mask.dim())];
+            let is_sound = sizes.into_iter().try_for_each(|(what, size)| camera.check_map(what, size));
+            if let Err(error) = is_sound.and_then(|()| camera.validate()) {
                 return fault(format!("{name}: {error}"), "check the photograph and its camera");
             }
         }
@@ -167,11 +170,14 @@ impl Scene {
     }
 
     /// Identifies the content of the photographs, their cameras, poses and points: their CRC-32 in hexadecimal digits.
-    pub fn identity(&self) -> String {
+    ///
+    /// # Errors
+    /// Those of [`Pixels::read`].
+    pub fn identity(&self) -> Result<String> {
         let mut hasher = crc32fast::Hasher::new();
         let mut number = |value: f64| hasher.update(&value.to_le_bytes());
         for photograph in &self.photographs {
-            photograph.image.iter().for_each(|value| number(f64::from(*value)));
+            number(f64::from(photograph.image.content()?));
             photograph.mask.iter().for_each(|real| number(f64::from(u8::from(*real))));
             let PinholeCamera { fx, fy, cx, cy, width, height } = photograph.camera.camera;
             [fx, fy, cx, cy, width as f64, height as f64].into_iter().for_each(&mut number);
@@ -185,7 +191,7 @@ impl Scene {
             hasher.update(&[0, u8::from(photograph.camera.is_assumed())]);
         }
         hasher.update(&self.reference.to_le_bytes());
-        format!("{:08x}", hasher.finalize())
+        Ok(format!("{:08x}", hasher.finalize()))
     }
 }
 

@@ -1,5 +1,6 @@
 //! Sizes of photographs, and pictures of them.
 
+use mde_prior::pixels::Image;
 use mde_prior::resample::shrink;
 use ndarray::{Array3, ArrayView3};
 
@@ -38,6 +39,18 @@ impl Sizes {
         let side = |side: usize| ((side as f64 * (most / pixels).sqrt()).round() as usize).max(1);
         (side(height), side(width))
     }
+
+    /// A photograph at the size of its refinement.
+    pub fn refined(&self, image: Image) -> Image {
+        let size = self.of_results((image.dim().0, image.dim().1));
+        shrunk(shrunk(image, size), self.of_refinement(size))
+    }
+}
+
+/// An image of `(height, width)`, the same where it has that size.
+pub(crate) fn shrunk(image: Image, (height, width): (usize, usize)) -> Image {
+    let fits = image.dim() == (height, width, 3);
+    if fits { image } else { shrink(image.view(), (height, width)).into_shared() }
 }
 
 /// `(height, width)` with the longer side at most `longest`, the aspect kept.

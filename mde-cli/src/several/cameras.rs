@@ -4,33 +4,44 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use mde_mvs::poses::{self, EstimatedPose, Verdict, estimate_poses, refine_poses};
+use mde_mvs::poses::{
+    EstimatedPose, PoseInput, Prepared, Verdict, estimate_poses, max_features, refine_poses,
+};
+use mde_mvs::views::gradient_energy;
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix6, Point2};
 use ndarray::ArcArray2;
-
-/// A refinement that moves a given pose by more than this share of its distance from the nearest other one contradicts it.
-const MOVED: f64 = 0.5;
+use rayon::prelude::*;
 
 /// Logarithm of the factor by which a photograph of a walk is nearer its scene, or farther, than the reference: 1.5. Within it one depth for
 /// all serves as well (13 captures of one place: AbsRel 1.009 with its own for each).
 const ELSEWHERE: f64 = 0.405;
 
 /// The photographs with a pose, in the frame of the capture's reference.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Posed {
-    /// That reference first.
+    /// That reference first, with empty images.
     pub(super) views: Vec<PosedView>,
     /// Index of each view among the photographs.
     pub(super) order: Vec<usize>,
+    /// [`gradient_energy`] of each view.
+    pub(super) energies: Vec<f64>,
     /// Covariance of each view's pose, from the capture's reference; none where too few matches determine it.
     pub(super) covariances: Vec<Option<Matrix6<f64>>>,
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,
     /// Further factor of each view's prior: of one depth everywhere, to the typical depth of that view's matches where it is [`ELSEWHERE`].
     pub(super) own: Vec<f64>,
+}
+
+impl Posed {
+    /// The view at that place, with its image.
+    pub(super) fn read(&self, scene: &Scene, place: usize) -> Result<PosedView> {
+        let image = scene.photographs[self.order[place]].image.read()?;
+        Ok(PosedView { image, ..self.views[place].clone() })
+    }
 }
 
 /// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
@@ -42,17 +53,20 @@ pub(super) fn posed(
     report: &mut CaptureReport,
     matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<Option<Posed>> {
-    let inputs: Vec<poses::PoseInput<'_>> = scene
-        .photographs
-        .iter()
-        .zip(priors)
-        .map(|(photograph, prior)| poses::PoseInput {
-            image: photograph.image.view(),
+    let most = max_features(scene.photographs.len(), scene.is_posed());
+    let prepare = |index: usize| {
+        let photograph = &scene.photographs[index];
+        let image = photograph.image.read()?;
+        let input = PoseInput {
+            image: image.view(),
             camera: photograph.camera.camera,
             focal_assumed: photograph.camera.is_assumed() && photograph.pose.is_none(),
-            prior: prior.as_ref().map(|depth| depth.view()),
-        })
-        .collect();
+            prior: priors[index].as_ref(),
+        };
+        Ok((Prepared::new(&input, most)?, gradient_energy(image.view())))
+    };
+    let prepared = (0..priors.len()).into_par_iter().map(prepare);
+    let (inputs, energies) = prepared.collect::<Result<(Vec<_>, Vec<_>)>>()?;
     let seed = derived_seed(config.seed, "poses", 0);
     let reference = scene.reference;
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
@@ -63,11 +77,8 @@ pub(super) fn posed(
         let refined = refine_poses(&inputs, &given, reference, seed, matched)?;
         report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
         report.withheld_pixels = refined.withheld;
-        if refined.accepted {
-            let found: Vec<_> = refined.photographs.iter().map(|one| one.pose).collect();
-            let moved = moved(&given, &found).into_iter();
-            report.moved = moved.map(|index| scene.photographs[index].name.clone()).collect();
-        }
+        let moved = refined.moved.iter().map(|&index| scene.photographs[index].name.clone());
+        report.moved = moved.collect();
         unit = unit_of(&refined.depths, priors[reference].as_ref());
         refined.photographs
     } else {
@@ -100,13 +111,13 @@ pub(super) fn posed(
         let first = *prior.first()?;
         prior.iter().all(|z| *z == first).then_some(f64::from(first) * unit)
     });
-    let mut posed =
-        Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit, own: Vec::new() };
+    let mut posed = Posed { unit, ..Posed::default() };
     let (mut centres, mut known) = (Vec::new(), Vec::new());
     for index in std::iter::once(reference).chain(others) {
         if let EstimatedPose { pose: Some(pose), camera, covariance, depth, .. } = found[index] {
-            posed.views.push(scene.photographs[index].view(pose, camera));
+            posed.views.push(scene.photographs[index].place(pose, camera));
             posed.order.push(index);
+            posed.energies.push(energies[index]);
             posed.covariances.push(covariance);
             centres.push(pose.inverse().translation.vector);
             known.extend(depth.zip(flat).map(|(depth, flat)| (centres.len() - 1, depth / flat)));
@@ -129,29 +140,4 @@ fn unit_of(depths: &[(Point2<f64>, f64)], prior: Option<&ArcArray2<f32>>) -> f64
         (*depth > 0.0).then(|| (depth / f64::from(known)).ln())
     });
     median(logs).map_or(1.0, f64::exp)
-}
-
-/// The photographs whose found pose is farther from the given one than [`MOVED`] allows.
-fn moved(given: &[Pose], found: &[Option<Pose>]) -> Vec<usize> {
-    let centre = |pose: &Pose| pose.inverse().translation.vector;
-    let is_moved = |&index: &usize| {
-        let Some(at) = found[index].as_ref().map(centre) else { return false };
-        let others = found.iter().enumerate().filter(|(other, _)| *other != index);
-        let apart = others.filter_map(|(_, other)| Some((at - centre(other.as_ref()?)).norm()));
-        (centre(&given[index]) - at).norm() > MOVED * apart.fold(f64::INFINITY, f64::min)
-    };
-    (0..given.len()).filter(is_moved).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exchanged_poses_are_moved_and_noise_is_not() {
-        let at = |x: f64| Pose::translation(-x, 0.0, 0.0);
-        let given = [0.0, 2.0, 1.0, 3.1].map(at);
-        assert_eq!(moved(&given, &[0.0, 1.0, 2.0, 3.0].map(|x| Some(at(x)))), [1, 2]);
-        assert!(moved(&given, &[Some(at(0.0)), Some(at(2.0)), None, Some(at(3.4))]).is_empty());
-    }
 }

@@ -1,7 +1,7 @@
 //! What the photographs of a capture share, found once, and the refinement of each.
 
 use crate::config::{Config, Order};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, text};
 use crate::refinement::event::{Callback, Event, Stage, begin, of_field};
 use crate::refinement::refine;
 use crate::refinement::stages::Stages;
@@ -19,7 +19,7 @@ use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
 use mde_mvs::sigma::{COMPONENTS, combine};
-use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views, sharpness};
+use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
@@ -70,7 +70,7 @@ impl<'s> PreparedScene<'s> {
     /// predictions at once are used.
     ///
     /// # Errors
-    /// As [`refine_several`](super::refine_several).
+    /// The error of a stage, and [`Error::Capture`] for photographs that [`Scene::several`] refuses.
     pub fn new(
         scene: &'s Scene,
         stages: &Stages<'_>,
@@ -83,7 +83,7 @@ impl<'s> PreparedScene<'s> {
         let mut report = CaptureReport::new(scene.photographs.iter().map(|one| &*one.name), scene.reference);
         let start = begin(callback, Stage::Prior, 0, iterations)?;
         let priors = priors::predict(scene, stages, config, |done, total| {
-            callback(&Event::Predicted { done, total })
+            callback(&Event::Part { stage: Stage::Prior, done, total })
         })?;
         report.seconds.prior = start.elapsed().as_secs_f64();
 
@@ -138,11 +138,13 @@ impl<'s> PreparedScene<'s> {
         posed.views.get(place)
     }
 
-    /// Refines one photograph, as [`refine_several`](super::refine_several) does the reference. The result does not depend on which
-    /// photographs were refined before.
+    /// Refines the depth of one photograph with the parallax of the others. Depth and sigma are `[height, width]`, z in the prior's unit. Where
+    /// the photographs carry no depth (no common scene, no parallax, hardly anything verified, or a withheld photograph that the prior
+    /// explains better), the result is that of [`refine`] without a field for the photograph alone, and [`CaptureReport::fallback`] has the
+    /// reason. It does not depend on which photographs were refined before.
     ///
     /// # Errors
-    /// As [`refine_several`](super::refine_several), and [`Error::Capture`] for an index that is none of the photographs.
+    /// Those of [`new`](Self::new) and of [`refine`], and [`Error::Capture`] for an index that is none of the photographs.
     pub fn refine(
         &mut self,
         photograph: usize,
@@ -181,7 +183,8 @@ impl<'s> PreparedScene<'s> {
         let scale = result::scale(&reconstruction, unit);
         report.scale = Some(scale);
         let plan = &self.plan[place];
-        let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
+        let views = members.iter().map(|&view| posed.read(self.scene, view));
+        let mut views = views.collect::<Result<Vec<_>>>()?;
         let from = posed.covariances[place].as_ref();
         let back = posed.views[place].pose.inverse();
         // The capture's reference has no covariance of its own, and given poses without matches have none.
@@ -192,7 +195,7 @@ impl<'s> PreparedScene<'s> {
                 .then(|| relative_covariance(&motion, &own.unwrap_or_else(Matrix6::zeros), from))
         };
         let covariances: Vec<Option<Matrix6<f64>>> = members.iter().map(relative).collect();
-        let mut candidate = candidate(plan, posed);
+        let mut candidate = candidate(plan, posed, self.scene)?;
         if place != 0 {
             let frame = views[0].pose.inverse();
             let others = candidate.iter_mut().map(|candidate| &mut candidate.view);
@@ -286,10 +289,12 @@ impl<'s> PreparedScene<'s> {
         swept: &mut mde_mvs::Callback<'_>,
     ) -> Result<(Reconstruction, Vec<Array2<f32>>)> {
         let Some(posed) = &self.posed else { return Err(Error::EmptyPrior) };
-        let priors = &self.priors;
+        let (priors, scene) = (&self.priors, self.scene);
         let prior = |view: usize| priors::in_unit_of_poses(posed, priors, view);
+        let fault = |error: Error| mde_mvs::Error::Photograph(text(&error));
+        let read = |view: usize| posed.read(scene, view).map_err(fault);
         if self.sweeps.is_none() {
-            let mut sweeps = Sweeps::new(&posed.views, &prior, sources(&self.plan))?;
+            let mut sweeps = Sweeps::new(&read, &prior, sources(&self.plan))?;
             sweeps.scale = self.scale;
             if self.scale.is_none() {
                 // One scale for all: by the reference and its choice, unless nothing shows its scene.
@@ -299,7 +304,7 @@ impl<'s> PreparedScene<'s> {
             self.sweeps = Some(sweeps);
         }
         let Some(sweeps) = &mut self.sweeps else { return Err(Error::EmptyPrior) };
-        let found = sweeps.reconstruct(&posed.views, &prior, members, swept)?;
+        let found = sweeps.reconstruct(&read, &prior, members, swept)?;
         Ok((found, members.iter().map(|&view| prior(view)).collect()))
     }
 
@@ -317,8 +322,8 @@ impl<'s> PreparedScene<'s> {
                 "{reason}; one photograph alone needs a depth network: give {{prior-model}}"
             )));
         }
-        let refined =
-            refine(reference.image.view(), &reference.camera.camera, stages, self.config, callback)?;
+        let (image, camera) = (reference.image.read()?, &reference.camera.camera);
+        let refined = refine(image.view(), camera, stages, self.config, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })
     }
 }
@@ -330,28 +335,27 @@ fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<ArcArray2<f32>
     // The posed views have the reference's frame for their world.
     let points: Vec<Point3<f64>> = scene.points.iter().map(|point| pose * point).collect();
     let prior = priors::in_unit_of_poses(posed, priors, 0);
-    Ok(Scale::fit(&point_matches(&posed.views[0], &points, prior.view())?))
+    Ok(Scale::fit(&point_matches(&posed.read(scene, 0)?, &points, prior.view())?))
 }
 
 /// The best of the photographs that are not chosen; else the least needed of the chosen, which the fit has then.
-fn candidate(plan: &Planned, posed: &Posed) -> Option<Candidate> {
+fn candidate(plan: &Planned, posed: &Posed, scene: &Scene) -> Result<Option<Candidate>> {
     let overlaps = |score: &&ViewScore| score.overlap >= MIN_OVERLAP && score.score > 0.0;
     let spare = plan.scores.iter().filter(|score| !score.chosen).find(overlaps);
-    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen))?;
-    Some(Candidate {
-        view: posed.views[score.view].clone(),
-        index: posed.order[score.view],
-        withheld: !score.chosen,
-    })
+    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen));
+    let of = |score: &ViewScore| {
+        let (view, index) = (posed.read(scene, score.view)?, posed.order[score.view]);
+        Ok(Candidate { view, index, withheld: !score.chosen })
+    };
+    score.map(of).transpose()
 }
 
 /// The best photographs for each by parallax, overlap and sharpness.
 fn plan(posed: &Posed, priors: &[Option<ArcArray2<f32>>], config: &Config) -> Result<Vec<Planned>> {
     let max_views = config.multi_view.max_views.saturating_sub(1);
-    let sharpness = sharpness(&posed.views);
     let of = |place: usize| {
         let depth = priors::in_unit_of_poses(posed, priors, place);
-        let scores = select_views(&posed.views, place, depth.view(), &sharpness, max_views)?;
+        let scores = select_views(&posed.views, place, depth.view(), &posed.energies, max_views)?;
         let mut own: Vec<usize> =
             scores.iter().filter(|score| score.chosen).map(|score| score.view).collect();
         own.sort_unstable();

@@ -10,7 +10,7 @@ use mde_prior::predict_each;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use mde_warp::{WarpConfig, forward_warp};
-use ndarray::{ArcArray2, Array2};
+use ndarray::{ArcArray2, Array2, Array3};
 use std::ops::ControlFlow;
 
 /// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map. As many run at
@@ -25,33 +25,36 @@ pub(super) fn predict(
     let count = scene.photographs.len();
     let every = prior.accepts_new_images();
     let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.reference).collect();
-    let images: Vec<_> = wanted.iter().map(|&index| scene.photographs[index].image.view()).collect();
     let (mut depths, mut done, mut fault) = (vec![None; count], 0, None);
-    let flow = predict_each(prior, &images, stages.at_once, |prediction| {
-        let (index, image) = (wanted[done], images[done]);
-        done += 1;
-        let factor = stages.factors.get(index).copied().unwrap_or(1.0);
-        let depth = prediction.to_depth(&config.disparity).map(|depth| depth.mapv_into(|z| factor * z));
-        let checked = depth.map_err(Error::from).and_then(|depth| {
-            check_prior(depth.view(), image)?;
-            Ok(depth)
-        });
-        match checked {
-            Ok(depth) => depths[index] = Some(shared(depth, &depths[..index])),
-            Err(error) if index == scene.reference => {
-                fault = Some(error);
-                return ControlFlow::Break(());
+    for part in wanted.chunks(rayon::current_num_threads()) {
+        let images = part.iter().map(|&index| scene.photographs[index].image.read());
+        let images = images.collect::<mde_prior::Result<Vec<_>>>()?;
+        let views: Vec<_> = images.iter().map(|image| image.view()).collect();
+        let flow = predict_each(prior, &views, stages.at_once, |prediction| {
+            let index = wanted[done];
+            done += 1;
+            let factor = stages.factors.get(index).copied().unwrap_or(1.0);
+            let depth = prediction.to_depth(&config.disparity).map(|depth| depth.mapv_into(|z| factor * z));
+            let checked = depth.map_err(Error::from).and_then(|depth| {
+                check_prior(depth.view(), scene.photographs[index].size())?;
+                Ok(depth)
+            });
+            match checked {
+                Ok(depth) => depths[index] = Some(shared(depth, &depths[..index])),
+                Err(error) if index == scene.reference => {
+                    fault = Some(error);
+                    return ControlFlow::Break(());
+                }
+                // The reference's depth takes its place.
+                Err(_) => {}
             }
-            // The reference's depth takes its place.
-            Err(_) => {}
+            progress(done, wanted.len())
+        })?;
+        if flow.is_break() {
+            return Err(fault.unwrap_or(Error::Interrupted));
         }
-        progress(done, images.len())
-    })?;
-    match (fault, flow) {
-        (Some(error), _) => Err(error),
-        (None, ControlFlow::Break(())) => Err(Error::Interrupted),
-        (None, ControlFlow::Continue(())) => Ok(depths),
     }
+    Ok(depths)
 }
 
 /// A depth, in the memory of the one before it where they are the same, as without a network.
@@ -74,7 +77,9 @@ pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<ArcArray2<f32>>],
     let variance = reference.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
     let config = WarpConfig::default();
     let warped = GaussianDepth::new(reference, variance).ok().and_then(|known| {
-        forward_warp(from.image.view(), &known, &from.camera, &from.pose, &to.camera, &to.pose, &config).ok()
+        // Of what comes back the depth alone is used.
+        let image = Array3::zeros((from.camera.height, from.camera.width, 3));
+        forward_warp(image.view(), &known, &from.camera, &from.pose, &to.camera, &to.pose, &config).ok()
     });
     let warped = warped.map(|warped| warped.depth).filter(|depth| depth.iter().any(|z| *z > 0.0));
     warped.unwrap_or_else(|| Array2::from_elem(to.camera.dim(), middle))

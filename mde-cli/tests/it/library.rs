@@ -3,7 +3,8 @@
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::ndarray::{Array2, Array3, ArrayView2, ArrayView3};
 use mde_cli::scene::{CameraSource, KnownCamera, Photograph, Scene};
-use mde_cli::{Config, Event, Preset};
+use mde_cli::several::prepared::PreparedScene;
+use mde_cli::{Callback, Config, Event, Preset, Refinement, Result, Stages};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use std::ops::ControlFlow;
@@ -79,6 +80,16 @@ pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
     let scene = Scene::several(photographs.collect(), 0).unwrap();
     let known = rendered.views.iter().map(|v| (v.view.image.to_owned(), v.prior.clone().unwrap())).collect();
     (scene, Known(known))
+}
+
+/// The reference of several photographs.
+pub(crate) fn refine_several(
+    scene: &Scene,
+    stages: Stages<'_>,
+    config: &Config,
+    callback: &mut Callback<'_>,
+) -> Result<Refinement> {
+    PreparedScene::new(scene, &stages, config, callback)?.refine(scene.reference, stages, callback)
 }
 
 /// Goes on at every event.

@@ -1,7 +1,7 @@
 //! The same bytes on processors with other vectors: the tests run themselves within qemu-user.
 
-use crate::library::{config, go_on, inputs, rendered, tiny};
-use mde_cli::{Preset, Stages, refine, refine_several};
+use crate::library::{config, go_on, inputs, refine_several, rendered, tiny};
+use mde_cli::{Preset, Stages, refine};
 use mde_eval::scene::Room;
 use std::fs;
 use std::path::Path;
@@ -20,8 +20,8 @@ fn bytes_of_small_runs() {
     let (capture, prior) = inputs(&rendered(Room::Study, 2, [64, 48]), true);
     let alone = |text: &str| {
         let photograph = &capture.photographs[capture.reference];
-        let (image, camera) = (photograph.image.view(), &photograph.camera.camera);
-        refine(image, camera, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
+        let (image, camera) = (photograph.image.read().unwrap(), &photograph.camera.camera);
+        refine(image.view(), camera, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
     };
     let short = tiny(4, 1);
     let hash = alone(&short);

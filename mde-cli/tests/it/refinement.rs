@@ -174,7 +174,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
     let augmented = |prior: &dyn DepthPrior, config: &Config| {
         let mut calls = Vec::new();
         let mut listen = |event: &Event| {
-            if let Event::Predicted { done, total } = event {
+            if let Event::Part { done, total, .. } = event {
                 calls.push((*done, *total));
             }
             ControlFlow::Continue(())

@@ -1,13 +1,13 @@
 //! Several photographs through the library: a procedural room with exact depth and poses.
 
-use crate::library::{Known, SIZE, STUDY, config, go_on, inputs, ratios, rendered};
+use crate::library::{Known, SIZE, STUDY, config, go_on, inputs, ratios, refine_several, rendered};
 use mde_cli::config::Order;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::ndarray::{Array2, Array3, ArrayView2};
 use mde_cli::scene::{KnownDepth, Photograph, Scene};
 use mde_cli::several::prepared::PreparedScene;
-use mde_cli::{Config, Event, Preset, Refinement, Stages, refine_several};
+use mde_cli::{Config, Event, Preset, Refinement, Stages};
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
@@ -182,7 +182,7 @@ fn captures_that_are_none_are_refused_by_name() {
         (&|s: &mut Scene| s.reference = 9, "reference 9"),
         (&|s: &mut Scene| s.photographs[1].pose = None, "2 of 3 photographs have a pose"),
         (&|s: &mut Scene| s.photographs[1].name = "photograph 0".to_owned(), "photograph 0"),
-        (&|s: &mut Scene| s.photographs[2].image = Array3::zeros((4, 4, 3)).into_shared(), "photograph 2"),
+        (&|s: &mut Scene| s.photographs[2].image = Array3::zeros((4, 4, 3)).into(), "photograph 2"),
     ] {
         let mut capture = capture.clone();
         change(&mut capture);
@@ -252,10 +252,8 @@ fn any_number_of_threads_gives_the_same_bytes() {
         let mut seen = Vec::new();
         let refined = pool.install(|| {
             let mut watch = |event: &Event| {
-                match event {
-                    Event::Predicted { done, total } => seen.push(("prior", *done, *total)),
-                    Event::Part { stage, done, total } => seen.push((stage.name(), *done, *total)),
-                    _ => {}
+                if let Event::Part { stage, done, total } = event {
+                    seen.push((stage.name(), *done, *total));
                 }
                 go_on(event)
             };

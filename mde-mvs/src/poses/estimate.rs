@@ -3,8 +3,8 @@ use super::features::Features;
 use super::matching::match_features;
 use super::two_view::{Pair, relative_pose};
 use super::{
-    FLAT_SIGMA, FOCAL_SIGMA, FeatureImage, MAX_FEATURES, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, compared,
-    neighbours, reference_first, shared_error_factor, tracks,
+    FLAT_SIGMA, FOCAL_SIGMA, MIN_MATCHES, OUTLIER_PIXELS, Prepared, compared, neighbours, reference_first,
+    shared_error_factor, tracks,
 };
 use crate::statistics::is_flat;
 use crate::{Callback, Result};
@@ -139,32 +139,29 @@ pub struct Estimated {
 /// callback counts the pairs of photographs as they are compared.
 ///
 /// # Errors
-/// [`Config`](crate::Error::Config) for fewer than two photographs, a reference that is none of them or has no
-/// prior, or a photograph with a side below 16 pixels;
-/// [`View`](crate::Error::View) for a camera that is not of its image's or its prior's size;
+/// [`Config`](crate::Error::Config) for fewer than two photographs or a reference that is none of them or has no prior;
 /// [`Interrupted`](crate::Error::Interrupted).
 pub fn estimate_poses(
-    photographs: &[PoseInput],
+    photographs: &[Prepared],
     reference: usize,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Estimated> {
-    let sorted = reference_first(photographs, reference)?;
+    let shots = reference_first(photographs, reference)?;
     let has_prior = photographs[reference].prior.is_some();
     OutOfRange::check(has_prior, "prior of the reference", &"missing", "give its depth")?;
-    let shots = FeatureImage::all(&sorted, MAX_FEATURES)?;
     let features: Vec<&Features> = shots.iter().map(|shot| &shot.features).collect();
     let compare = |[i, j]: [usize; 2]| {
-        relative_pose([&shots[i], &shots[j]], [i, j], &match_features(features[i], features[j]), seed)
+        relative_pose([shots[i], shots[j]], [i, j], &match_features(features[i], features[j]), seed)
     };
     let pairs = compared(&neighbours::likely(&features), compare, callback)?;
-    let mut found = adjusted(&sorted, &shots, &pairs);
+    let mut found = adjusted(&shots, &pairs);
     found.photographs[..=reference].rotate_left(1);
     Ok(found)
 }
 
 /// Poses of photographs, the reference first, by their pairs.
-pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pair]) -> Estimated {
+pub(super) fn adjusted(shots: &[&Prepared], pairs: &[Pair]) -> Estimated {
     // Photographs that have a motion with another, but too few tracks or an uncertain rotation.
     let mut dropped = vec![false; shots.len()];
     let mut uncertain = vec![None; shots.len()];
@@ -217,8 +214,8 @@ pub(super) fn adjusted(sorted: &[PoseInput], shots: &[FeatureImage], pairs: &[Pa
         let depths = bundle.median_depths();
         let of_photograph = |v: usize| {
             let parallax = bundle.median_parallax(v);
-            let camera = &sorted[v].camera;
-            let factor = if sorted[v].focal_assumed { focal_factor } else { 1.0 };
+            let camera = &shots[v].camera;
+            let factor = if shots[v].lens.assumed { focal_factor } else { 1.0 };
             let posed = tree.poses[v].is_some();
             let verdict = if v == 0 {
                 Verdict::Reference
@@ -292,12 +289,12 @@ impl Tree {
     }
 }
 
-fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
+fn build(shots: &[&Prepared], pairs: &[Pair], tree: &Tree) -> Bundle {
     let posed = |v: usize| tree.poses[v].is_some();
     let joined = |pair: &&Pair| pair.motion.is_some() && posed(pair.first) && posed(pair.second);
     let used: Vec<&Pair> = pairs.iter().filter(joined).collect();
     let mut tracks = tracks::join(shots, &used, &tree.rank);
-    let of_features = |shot: &FeatureImage| -> Vec<f64> {
+    let of_features = |shot: &&Prepared| -> Vec<f64> {
         shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel)).collect()
     };
     let known: Vec<Vec<f64>> = shots.iter().map(of_features).collect();
@@ -393,7 +390,7 @@ impl Bundle {
 }
 
 /// Why a photograph has no pose: by its best pair with one that has.
-fn refusal(view: usize, shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Verdict {
+fn refusal(view: usize, shots: &[&Prepared], pairs: &[Pair], tree: &Tree) -> Verdict {
     let found = shots[view].features.keypoints.len();
     if found < MIN_MATCHES {
         return Verdict::TooFewFeatures(found);

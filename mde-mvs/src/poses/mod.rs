@@ -40,7 +40,7 @@ pub use depth::{depth_variance, relative_covariance};
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};
-pub use scale::{LogFactor, LogRatio, MatchPair, Prepared, ScaleMatches, common_scale};
+pub use scale::{LogFactor, LogRatio, MatchPair, ScaleMatches, common_scale};
 
 use crate::{Callback, Result, centre, notify};
 use bundle::Lens;
@@ -48,7 +48,7 @@ use features::Features;
 use mde_uncertainty::OutOfRange;
 use mde_warp::PinholeCamera;
 use nalgebra::{Point2, Vector2};
-use ndarray::{ArrayView2, ArrayView3, CowArray, Ix2};
+use ndarray::{ArcArray2, ArrayView3};
 use rayon::prelude::*;
 use two_view::Pair;
 
@@ -65,7 +65,7 @@ pub struct PoseInput<'a> {
     /// Whether the focal length was assumed: one factor, common to all such photographs, is then estimated.
     pub focal_assumed: bool,
     /// The prior's `[h, w]` z-depth, in any unit; 0 where there is none.
-    pub prior: Option<ArrayView2<'a, f32>>,
+    pub prior: Option<&'a ArcArray2<f32>>,
 }
 
 /// Largest distance from the epipolar geometry, pixels of a photograph of [`LONGER_SIDE`], as all that follow.
@@ -85,28 +85,39 @@ pub const FOCAL_SIGMA: f64 = 0.2;
 
 /// Matches that a photograph needs.
 const MIN_MATCHES: usize = 20;
-/// Features of a photograph at most in [`estimate_poses`] and [`refine_poses`].
+/// Features of a photograph whose pose is estimated, at most.
 const MAX_FEATURES: usize = 3000;
 /// The same in a long capture, whose given poses need fewer: matching takes the square of them.
 const MAX_FEATURES_OF_MANY: usize = 1500;
+
+/// Features that each of so many photographs needs at most, by whether their poses are given.
+pub fn max_features(photographs: usize, has_poses: bool) -> usize {
+    if has_poses && photographs > neighbours::FEW { MAX_FEATURES_OF_MANY } else { MAX_FEATURES }
+}
 
 /// Root of the number of matches that share an error.
 fn shared_error_factor(matches: usize) -> f64 {
     (matches as f64 / REGIONS).max(1.0).sqrt()
 }
 
-/// A photograph with its features.
+/// A photograph of which no more is kept than its matches with others need: features, camera, and the prior's depth.
 #[derive(Debug)]
-struct FeatureImage<'a> {
+pub struct Prepared {
     features: Features,
+    camera: PinholeCamera,
     lens: Lens,
-    prior: Option<CowArray<'a, f32, Ix2>>,
+    prior: Option<ArcArray2<f32>>,
 }
 
-impl<'a> FeatureImage<'a> {
-    fn new(photograph: &PoseInput<'a>, max_features: usize) -> Result<Self> {
+impl Prepared {
+    /// Finds at most so many features.
+    ///
+    /// # Errors
+    /// [`Config`](crate::Error::Config) for an image too small for features; [`View`](crate::Error::View) for a camera that is not of the
+    /// image's or the prior's size.
+    pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
         let features = Features::detect(photograph.image, max_features)?;
-        let camera = &photograph.camera;
+        let camera = photograph.camera;
         camera.validate()?;
         let (height, width, _) = photograph.image.dim();
         camera.check_map("photograph", (height, width))?;
@@ -119,12 +130,7 @@ impl<'a> FeatureImage<'a> {
             assumed: photograph.focal_assumed,
             noise: width.max(height) as f64 / LONGER_SIDE,
         };
-        Ok(Self { features, lens, prior: photograph.prior.map(CowArray::from) })
-    }
-
-    /// All photographs' features, in parallel.
-    fn all(photographs: &[PoseInput<'a>], max_features: usize) -> Result<Vec<Self>> {
-        photographs.par_iter().map(|photograph| Self::new(photograph, max_features)).collect()
+        Ok(Self { features, camera, lens, prior: photograph.prior.cloned() })
     }
 
     fn pixel(&self, feature: usize) -> Point2<f64> {
@@ -141,12 +147,12 @@ impl<'a> FeatureImage<'a> {
 }
 
 /// The reference, then the others in the order given.
-fn reference_first<'a>(photographs: &[PoseInput<'a>], reference: usize) -> Result<Vec<PoseInput<'a>>> {
+fn reference_first(photographs: &[Prepared], reference: usize) -> Result<Vec<&Prepared>> {
     let count = photographs.len();
     OutOfRange::check(count >= 2, "number of photographs", &count, "give at least 2")?;
     let remedy = "give the index of one of the photographs";
     OutOfRange::check(reference < count, "reference", &reference, remedy)?;
-    let mut sorted = photographs.to_vec();
+    let mut sorted: Vec<_> = photographs.iter().collect();
     sorted[..=reference].rotate_right(1);
     Ok(sorted)
 }

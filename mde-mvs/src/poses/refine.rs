@@ -3,8 +3,8 @@ use super::estimate::{EstimatedPose, STEPS, Verdict};
 use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
-    FeatureImage, MAX_FEATURES, MAX_FEATURES_OF_MANY, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, REGIONS,
-    centre, compared, neighbours, reference_first, shared_error_factor, tracks,
+    MIN_MATCHES, OUTLIER_PIXELS, Prepared, REGIONS, centre, compared, neighbours, reference_first,
+    shared_error_factor, tracks,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::OutOfRange;
@@ -39,6 +39,8 @@ const LEAST_AGREEING: f64 = 0.25;
 const LEAST_CONSISTENT: f64 = 0.5;
 /// Distance within which a match fits poses that may be off by [`ROTATION_SIGMA_DEGREES`], before they are refined, pixels.
 const GIVEN_PIXELS: f64 = 15.0;
+/// A refinement that moves a given pose by more than this share of its distance from the nearest other one contradicts it.
+const MOVED: f64 = 0.5;
 
 /// Given poses after refinement.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +53,8 @@ pub struct Refined {
     /// Median distance of withheld matches from where they should be, with the given poses and with those refined without them,
     /// in pixels of a photograph of 640 on the longer side. Nothing where there are too few matches.
     pub withheld: Option<[f64; 2]>,
+    /// Photographs whose matches contradict the given pose: the refined one is farther from it than half the distance to its neighbour.
+    pub moved: Vec<usize>,
     /// Pixels of the reference (x: column, y: row) and their depths by the matches, in the unit of the poses.
     pub depths: Vec<(Point2<f64>, f64)>,
 }
@@ -74,13 +78,13 @@ pub struct Refined {
 /// Those of [`estimate_poses`](super::estimate_poses) but for the prior, [`Error::Config`] for another number of poses than of
 /// photographs, [`Error::View`] for a pose that is not finite, and [`Error::Interrupted`].
 pub fn refine_poses(
-    photographs: &[PoseInput],
+    photographs: &[Prepared],
     poses: &[Pose],
     reference: usize,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Refined> {
-    let sorted = reference_first(photographs, reference)?;
+    let shots = reference_first(photographs, reference)?;
     let as_many = poses.len() == photographs.len();
     OutOfRange::check(as_many, "number of poses", &poses.len(), "give one for each photograph")?;
     let mut numbers = poses.iter().flat_map(|p| p.translation.vector.iter().chain(p.rotation.coords.iter()));
@@ -89,11 +93,9 @@ pub fn refine_poses(
     }
     let mut given = poses.to_vec();
     given[..=reference].rotate_right(1);
-    let many = sorted.len() > neighbours::FEW;
-    let shots = FeatureImage::all(&sorted, if many { MAX_FEATURES_OF_MANY } else { MAX_FEATURES })?;
     let compare = |[i, j]: [usize; 2]| {
         let found = match_features(&shots[i].features, &shots[j].features);
-        verified_matches([&shots[i], &shots[j]], [i, j], &found, seed)
+        verified_matches([shots[i], shots[j]], [i, j], &found, seed)
     };
     let pairs = compared(&neighbours::pairs(&given), compare, callback)?;
 
@@ -110,20 +112,33 @@ pub fn refine_poses(
     let depths = bundle.median_depths();
     let of_photograph = |v: usize| EstimatedPose {
         pose: capture.verdicts[v].has_pose().then_some(bundle.cameras.poses[v]),
-        camera: sorted[v].camera,
+        camera: shots[v].camera,
         verdict: capture.verdicts[v],
         matches: fitting[v][1],
         covariance: covariances[v],
         depth: depths[v],
     };
-    let mut photographs: Vec<EstimatedPose> = (0..sorted.len()).map(of_photograph).collect();
+    let mut photographs: Vec<EstimatedPose> = (0..shots.len()).map(of_photograph).collect();
     photographs[..=reference].rotate_left(1);
-    Ok(Refined { photographs, accepted, withheld, depths: bundle.reference_depths() })
+    let found: Vec<_> = photographs.iter().map(|one| one.pose.filter(|_| accepted)).collect();
+    let moved = moved(poses, &found);
+    Ok(Refined { photographs, accepted, withheld, moved, depths: bundle.reference_depths() })
+}
+
+/// The photographs whose found pose is farther from the given one than [`MOVED`] allows.
+fn moved(given: &[Pose], found: &[Option<Pose>]) -> Vec<usize> {
+    let is_moved = |&index: &usize| {
+        let Some(at) = found[index].as_ref().map(centre) else { return false };
+        let others = found.iter().enumerate().filter(|(other, _)| *other != index);
+        let apart = others.filter_map(|(_, other)| Some((at - centre(other.as_ref()?)).norm()));
+        (centre(&given[index]) - at).norm() > MOVED * apart.fold(f64::INFINITY, f64::min)
+    };
+    (0..given.len()).filter(is_moved).collect()
 }
 
 /// Matched photographs with given poses, the reference first.
-struct Capture<'g, 'p> {
-    shots: &'g [FeatureImage<'p>],
+struct Capture<'g> {
+    shots: &'g [&'g Prepared],
     pairs: &'g [Pair],
     poses: &'g [Pose],
     verdicts: Vec<Verdict>,
@@ -137,7 +152,7 @@ struct Adjusted {
     withheld: Option<[f64; 2]>,
 }
 
-impl Capture<'_, '_> {
+impl Capture<'_> {
     /// Leaves out the photograph that fits its pose least, if it does not; `cut` is in pixels. Returns whether there was one.
     fn leave_out(&mut self, poses: &[Pose], cut: f64) -> bool {
         let cameras = self.cameras(poses);
@@ -368,6 +383,14 @@ fn best_fitting(errors: &[Vec<f64>]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exchanged_poses_are_moved_and_noise_is_not() {
+        let at = |x: f64| Pose::translation(-x, 0.0, 0.0);
+        let given = [0.0, 2.0, 1.0, 3.1].map(at);
+        assert_eq!(moved(&given, &[0.0, 1.0, 2.0, 3.0].map(|x| Some(at(x)))), [1, 2]);
+        assert!(moved(&given, &[Some(at(0.0)), Some(at(2.0)), None, Some(at(3.4))]).is_empty());
+    }
 
     #[test]
     fn poses_move_only_where_matches_fit_better() {

@@ -43,34 +43,35 @@ pub(super) fn with_errors(depth: &Array2<f32>, factor: f32) -> Array2<f32> {
 }
 
 /// Views of the room, with priors of .8 of the depth.
-fn scene(poses: &[Pose]) -> Vec<(PosedView, Array2<f32>)> {
+fn scene(poses: &[Pose]) -> Vec<(PosedView, ArcArray2<f32>)> {
     let rendered = poses.iter().map(|pose| render(&planes(), camera(), *pose, PERIOD));
-    rendered.map(|(view, depth)| (view, with_errors(&depth, 0.8))).collect()
+    rendered.map(|(view, depth)| (view, with_errors(&depth, 0.8).into_shared())).collect()
 }
 
-fn standard() -> &'static [(PosedView, Array2<f32>)] {
-    static SCENE: OnceLock<Vec<(PosedView, Array2<f32>)>> = OnceLock::new();
+fn standard() -> &'static [(PosedView, ArcArray2<f32>)] {
+    static SCENE: OnceLock<Vec<(PosedView, ArcArray2<f32>)>> = OnceLock::new();
     SCENE.get_or_init(|| scene(&held()))
 }
 
-pub(super) fn photographs(scene: &[(PosedView, Array2<f32>)]) -> Vec<PoseInput<'_>> {
-    scene
-        .iter()
-        .map(|(view, prior)| PoseInput {
-            image: view.image.view(),
-            camera: view.camera,
-            focal_assumed: false,
-            prior: Some(prior.view()),
-        })
-        .collect()
+pub(super) fn photographs(scene: &[(PosedView, ArcArray2<f32>)]) -> Vec<PoseInput<'_>> {
+    scene.iter().map(|(view, prior)| input(view, Some(prior))).collect()
+}
+
+fn input<'a>(view: &'a PosedView, prior: Option<&'a ArcArray2<f32>>) -> PoseInput<'a> {
+    PoseInput { image: view.image.view(), camera: view.camera, focal_assumed: false, prior }
+}
+
+fn prepared(photographs: &[PoseInput], has_poses: bool) -> Result<Vec<Prepared>> {
+    let most = max_features(photographs.len(), has_poses);
+    photographs.par_iter().map(|photograph| Prepared::new(photograph, most)).collect()
 }
 
 fn estimate(photographs: &[PoseInput], reference: usize) -> Estimated {
-    estimate_poses(photographs, reference, 0, &mut silent).unwrap()
+    estimate_poses(&prepared(photographs, false).unwrap(), reference, 0, &mut silent).unwrap()
 }
 
 fn refine(photographs: &[PoseInput], poses: &[Pose], reference: usize) -> Refined {
-    refine_poses(photographs, poses, reference, 0, &mut silent).unwrap()
+    refine_poses(&prepared(photographs, true).unwrap(), poses, reference, 0, &mut silent).unwrap()
 }
 
 fn poses(refined: &Refined) -> Vec<Pose> {
@@ -91,7 +92,7 @@ fn rotation_error(found: &Pose, truth: &Pose) -> f64 {
 #[test]
 fn a_photograph_of_uncertain_rotation_has_no_pose() {
     let photographs = photographs(&standard()[..3]);
-    let mut shots = FeatureImage::all(&photographs, MAX_FEATURES).unwrap();
+    let mut shots = prepared(&photographs, false).unwrap();
     for (index, shot) in shots.iter_mut().enumerate() {
         for Keypoint { pixel, .. } in &mut shot.features.keypoints {
             let mut rng = CounterRng::new(5, "poses-test", index as u64, pixel.x.to_bits());
@@ -109,7 +110,7 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
             two_view::relative_pose([&shots[i], &shots[j]], [i, j], &found, 0)
         };
         let pairs = compared(&neighbours::all(3), compare, &mut silent).unwrap();
-        let found = estimate::adjusted(&photographs, &shots, &pairs);
+        let found = estimate::adjusted(&shots.iter().collect::<Vec<_>>(), &pairs);
         assert!(found.photographs[1].pose.is_some());
         (found.photographs[2].verdict, found.photographs[2].pose.is_some())
     };
@@ -178,9 +179,9 @@ fn threads_and_the_place_of_the_reference_change_nothing() {
 /// Under a constant prior the matches alone give poses and shape.
 #[test]
 fn a_constant_prior_is_enough_where_there_is_parallax() {
-    let flat = Array2::from_elem((240, 320), 1.0_f32);
+    let flat = ArcArray2::from_elem((240, 320), 1.0);
     let mut views = photographs(standard());
-    views.iter_mut().for_each(|photograph| photograph.prior = Some(flat.view()));
+    views.iter_mut().for_each(|photograph| photograph.prior = Some(&flat));
     let found = estimate(&views, 0);
     let ratios = ratios(&found.depths);
     let unit = median(ratios.iter().copied()).unwrap();
@@ -244,7 +245,7 @@ fn a_photograph_is_attached_through_another() {
     let wall = [Plane::slanted(2.2, 0.05, 0.1)];
     let shown = |i: usize| {
         let (view, depth) = render(&wall, camera(), poses[i], PERIOD);
-        (view, depth * (1.0 + 0.3 * i as f32))
+        (view, (depth * (1.0 + 0.3 * i as f32)).into_shared())
     };
     let scene = [0, 1, 2, 3].map(shown);
     let found = estimate(&photographs(&scene), 0);
@@ -317,9 +318,8 @@ fn a_walk_longer_than_its_depth_keeps_every_photograph() {
     let place = |i: i32| [0.5 * f64::from(i), 0.04 * f64::from(i % 3), 0.0];
     let walk: Vec<Pose> = (0..16).map(|i| pose_at(place(i), [0.0, 0.02 * f64::from(i % 4), 0.0])).collect();
     let wall = [Plane::slanted(2.4, 0.02, 0.1)];
-    let scene: Vec<_> = walk.iter().map(|pose| render(&wall, camera(), *pose, PERIOD)).collect();
-    let mut given = photographs(&scene);
-    given.iter_mut().for_each(|photograph| photograph.prior = None);
+    let scene: Vec<_> = walk.iter().map(|pose| render(&wall, camera(), *pose, PERIOD).0).collect();
+    let given: Vec<_> = scene.iter().map(|view| input(view, None)).collect();
     let mut off = walk.clone();
     for (i, pose) in off.iter_mut().enumerate().filter(|(i, _)| *i != 7) {
         let turn = 0.2_f64.to_radians() * if i % 2 == 0 { 1.0 } else { -1.0 };
@@ -346,7 +346,7 @@ fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
     let mut poses = held();
     poses.push(pose_at([-0.3, 0.2, 0.05], [0.04, 0.07, 0.0]));
     poses.push(pose_at([0.35, -0.1, 0.1], [-0.06, -0.05, 0.03]));
-    let left_out = |given: &[PoseInput<'_>], poses: &[Pose]| -> Vec<usize> {
+    let left_out = |given: &[PoseInput], poses: &[Pose]| -> Vec<usize> {
         let found = refine(given, poses, 0).photographs;
         (0..found.len()).filter(|&i| !found[i].verdict.has_pose()).collect()
     };
@@ -371,7 +371,8 @@ fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
 fn what_cannot_be_estimated_is_refused() {
     let given = photographs(standard());
     let text = |photographs: &[PoseInput], reference| {
-        estimate_poses(photographs, reference, 0, &mut silent).unwrap_err().to_string()
+        let found = prepared(photographs, false);
+        found.and_then(|all| estimate_poses(&all, reference, 0, &mut silent)).unwrap_err().to_string()
     };
     assert!(text(&given[..1], 0).contains("number of photographs"));
     assert!(text(&given, 4).contains("reference"));
@@ -380,6 +381,7 @@ fn what_cannot_be_estimated_is_refused() {
     let small = PinholeCamera::from_fov(60.0, 100, 240).unwrap();
     assert!(text(&[PoseInput { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
 
+    let given = prepared(&given, true).unwrap();
     let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, 0, &mut silent);
     assert!(refine(&held()[..2]).unwrap_err().to_string().contains("number of poses"));
     let mut poses = held();

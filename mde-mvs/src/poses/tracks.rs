@@ -1,6 +1,6 @@
 //! Features of several photographs that are one point of the scene.
 
-use super::FeatureImage;
+use super::Prepared;
 use super::bundle::Observed;
 use super::two_view::Pair;
 use nalgebra::Point2;
@@ -11,7 +11,7 @@ const SAME_PIXELS: f64 = 1.0;
 
 /// Joins matches that share features, as points at infinity without a prior. The anchor is the photograph of the least rank. A track
 /// that has two places in one photograph is dropped: some match of it is wrong.
-pub(super) fn join(shots: &[FeatureImage], pairs: &[&Pair], rank: &[usize]) -> Vec<Observed> {
+pub(super) fn join(shots: &[&Prepared], pairs: &[&Pair], rank: &[usize]) -> Vec<Observed> {
     let mut starts = Vec::with_capacity(shots.len());
     let mut total = 0;
     for shot in shots {

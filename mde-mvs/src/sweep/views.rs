@@ -2,8 +2,7 @@
 
 use mde_uncertainty::statistics::quantile;
 use mde_warp::{Pose, PosedView};
-use ndarray::{Array2, ArrayView2};
-use rayon::prelude::*;
+use ndarray::{ArrayView2, ArrayView3};
 
 use super::baseline;
 use crate::poses::nearest;
@@ -43,38 +42,33 @@ pub struct ViewScore {
     pub chosen: bool,
 }
 
-/// Mean squared gradient of the luma of each view over that of the sharpest, 0 to 1.
-pub fn sharpness(views: &[PosedView]) -> Vec<f64> {
-    let energies: Vec<f64> = views.par_iter().map(|v| gradient_energy(&luma(v.image.view()))).collect();
-    let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    energies.into_iter().map(|energy| energy / sharpest).collect()
-}
-
 /// Scores the other views against `views[reference]` of known depth (0 where unknown, in the unit of the poses); of a long capture the
-/// 48 nearest that look the same way. `sharpness` is that of all views. The scores come best first, equal ones in the order of the views;
+/// 48 nearest that look the same way. `energies` are the [`gradient_energy`] of all
+/// views, whose images are not read. The scores come best first, equal ones in the order of the views;
 /// the first `max_views` of them that may be used are chosen.
 ///
 /// # Errors
-/// [`Error::Reference`] for an index outside the views, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of
-/// another size.
+/// [`Error::Reference`] for an index outside the views, [`Error::View`] for a mask or a depth map of another size than its camera.
 pub fn select_views(
     views: &[PosedView],
     reference: usize,
     depth: ArrayView2<'_, f32>,
-    sharpness: &[f64],
+    energies: &[f64],
     max_views: usize,
 ) -> Result<Vec<ViewScore>> {
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
     from.camera.check_map("depth", depth.dim())?;
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let near: Vec<usize> = nearest(&poses, reference).into_iter().take(CANDIDATES).collect();
-    near.iter().chain([&reference]).try_for_each(|&view| views[view].validate())?;
+    let check = |view: &PosedView| view.camera.check_map("mask", view.mask.dim());
+    near.iter().chain([&reference]).try_for_each(|&view| check(&views[view]))?;
+    let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let mut scores: Vec<ViewScore> = near
         .into_iter()
         .map(|view| {
             let (overlap, seen_depth) = overlap(from, &views[view], depth);
             let parallax = seen_depth.map_or(0.0, |z| baseline(from, &views[view]) / z);
-            let sharpness = sharpness.get(view).copied().unwrap_or(1.0);
+            let sharpness = energies.get(view).map_or(1.0, |energy| energy / sharpest);
             let score = overlap * sharpness.sqrt() * parallax_score(parallax / BEST_PARALLAX);
             ViewScore { view, parallax, overlap, sharpness, score, chosen: false }
         })
@@ -108,13 +102,14 @@ fn overlap(from: &PosedView, to: &PosedView, depth: ArrayView2<'_, f32>) -> (f64
     (inside.len() as f64 / known.max(1) as f64, quantile(&mut inside, 0.5))
 }
 
-/// Mean squared central difference.
-fn gradient_energy(luma: &Array2<f32>) -> f64 {
+/// Mean squared central difference of the luma of an image, sRGB in 0 to 1, `[height, width, 3]`.
+pub fn gradient_energy(image: ArrayView3<'_, f32>) -> f64 {
     let energy = |square: ArrayView2<'_, f32>| {
         let gx = 0.5 * f64::from(square[(1, 2)] - square[(1, 0)]);
         let gy = 0.5 * f64::from(square[(2, 1)] - square[(0, 1)]);
         gx * gx + gy * gy
     };
+    let luma = luma(image);
     let energies = luma.windows((3, 3)).into_iter().map(energy);
     let (sum, count) = energies.fold((0.0, 0_usize), |(sum, count), energy| (sum + energy, count + 1));
     sum / count.max(1) as f64
@@ -124,12 +119,14 @@ fn gradient_energy(luma: &Array2<f32>) -> f64 {
 mod tests {
     use super::*;
     use crate::synthetic::{Plane, scene};
+    use ndarray::Array2;
 
     #[test]
     fn a_useful_baseline_is_preferred_to_none_and_to_too_much() {
         let centres = [[0.0; 3], [0.005, 0.0, 0.0], [0.2, 0.0, 0.0], [1.0, 0.0, 0.0], [30.0, 0.0, 0.0]];
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &centres);
-        let scores = select_views(&views, 0, depths[0].view(), &sharpness(&views), 2).unwrap();
+        let energies = |views: &[PosedView]| [0, 1, 2, 3, 4].map(|i| gradient_energy(views[i].image.view()));
+        let scores = select_views(&views, 0, depths[0].view(), &energies(&views), 2).unwrap();
         assert_eq!(scores.iter().map(|s| s.view).collect::<Vec<_>>(), [2, 3, 1, 4]);
         assert_eq!(scores.iter().map(|s| s.chosen).collect::<Vec<_>>(), [true, true, false, false]);
         assert!((scores[0].parallax - 0.1).abs() < 1e-6 && scores[3].overlap == 0.0);
@@ -137,7 +134,7 @@ mod tests {
         let sharp = scores[0];
         let mean = views[2].image.mean().unwrap();
         views[2].image.mapv_inplace(|x| mean + 0.3 * (x - mean));
-        let blurred = select_views(&views, 0, depths[0].view(), &sharpness(&views), 2).unwrap();
+        let blurred = select_views(&views, 0, depths[0].view(), &energies(&views), 2).unwrap();
         let of = blurred.iter().find(|s| s.view == 2).unwrap();
         assert!((of.sharpness / sharp.sharpness - 0.09).abs() < 0.01 && of.score < sharp.score);
     }

@@ -7,6 +7,8 @@ pub mod format;
 pub mod open;
 #[cfg(feature = "io")]
 pub mod photo;
+#[cfg(feature = "io")]
+pub mod pixels;
 pub mod resample;
 
 #[cfg(feature = "io")]

@@ -191,7 +191,6 @@ impl Observer for Watched<'_> {
                 self.iteration = *iteration;
                 Some((stage.name(), 0, 0))
             }
-            Event::Predicted { done, total } => Some(("prior", *done, *total)),
             Event::Part { stage, done, total } => Some((stage.name(), *done, *total)),
             Event::Field { event, view, views } => {
                 follow(&mut self.training, self.iteration, event);

@@ -23,7 +23,6 @@ use mde_mvs::cloud::DepthView;
 use mde_prior::format::{MILLIMETRES, PngContent, ReadOptions, png_content, read_values};
 use mde_prior::resample::{nearest, shrink};
 use mde_uncertainty::statistics::median;
-use ndarray::CowArray;
 use serde_json::json;
 use std::fs;
 use std::path::Path;
@@ -55,7 +54,7 @@ pub(crate) fn run(
     let _folder = OpenFolder::open(output, args.shard.is_some())?;
     // What is made of all photographs changes none of them.
     let of_each: Vec<_> = job.export.iter().filter(|format| !format.is_of_capture()).collect();
-    let of_all = format!("{:?} {} {} {of_each:?}", versions(), job.refiner.identity()?, scene.identity());
+    let of_all = format!("{:?} {} {} {of_each:?}", versions(), job.refiner.identity()?, scene.identity()?);
     let mut prepared = job.refiner.prepare(scene, plan, progress)?;
     let prior_seconds = prepared.prior_seconds();
     let photographs = scene.photographs.iter().map(|photograph| Path::new(&photograph.name));
@@ -137,9 +136,8 @@ pub(crate) fn run(
         let map = |name: &str| -> Result<_> {
             Ok(nearest(read_values(folder.join(name), &ReadOptions::default())?.view(), size))
         };
-        let image = &scene.photographs[index].image;
-        let image =
-            if share > 1.0 { shrink(image.view(), size).into() } else { CowArray::from(image.view()) };
+        let image = scene.photographs[index].image.read()?;
+        let image = if share > 1.0 { shrink(image.view(), size).into_shared() } else { image };
         gathered.push((image, camera.resized(size.1, size.0)?, map("depth.npy")?, map("sigma.npy")?));
     }
     let views = gathered.iter().zip(&positions).map(|((image, camera, depth, sigma), placed)| DepthView {

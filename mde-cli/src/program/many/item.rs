@@ -85,7 +85,7 @@ impl Common<'_> {
         let scale = OneScale::new(2, &self.job.refiner.settings().config);
         let prepared = |item: &Item| {
             let one = self.opened(item, content(&item.path)?, &mut Progress::silent())?;
-            scale.prepare(one.image.view(), &one.camera, &Uniform).map_err(anyhow::Error::from)
+            scale.prepare(one.image.read()?.view(), &one.camera, &Uniform).map_err(anyhow::Error::from)
         };
         Ok(Matched::log_ratio(&prepared(first)?, &prepared(second)?, 0).is_some())
     }

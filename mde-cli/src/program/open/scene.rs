@@ -8,6 +8,7 @@ use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, bail, ensure};
 use mde_mvs::capture::{CaptureFiles, same_file};
 use mde_prior::photo::{Photo, image_size, read_image};
+use mde_prior::pixels::{Pixels, Recent};
 use std::path::{Path, PathBuf};
 
 /// `(height, width)` of a photograph, by its header alone.
@@ -77,10 +78,16 @@ impl Opener<'_> {
         let plan =
             self.refiner.plan(&format!("{flag}: {} photographs", paths.len()), size(first), paths.len())?;
         let (mut photographs, mut read, mut unreadable) = (Vec::new(), Vec::new(), Vec::new());
+        let recent = Recent::default();
         for path in paths {
             match read_image(&path) {
                 Ok(photo) => {
-                    photographs.push(self.photograph(&path, photo, true)?);
+                    let mut photograph = self.photograph(&path, photo, true)?;
+                    let (file, sizes) = (path.clone(), self.refiner.settings().sizes);
+                    let again = move || Ok(sizes.refined(read_image(&file)?.pixels.into_shared()));
+                    photograph.image =
+                        Pixels::in_file(photograph.image.read()?, (&recent, read.len()), again);
+                    photographs.push(photograph);
                     read.push(path);
                 }
                 Err(error) if image != Some(&path) => {

@@ -1,7 +1,8 @@
 //! Which photographs of a burst or a video are compared, and what they have in common.
 
-use super::{LogFactor, LogRatio, Prepared, common_scale};
+use super::{LogFactor, LogRatio, common_scale};
 use crate::Result;
+use crate::poses::Prepared;
 use std::sync::Arc;
 
 /// Photographs before it that each is matched with.

@@ -14,7 +14,7 @@ pub use matches::{MatchPair, ScaleMatches};
 
 use super::matching::match_features;
 use super::two_view::{Motion, relative_pose};
-use super::{FeatureImage, PoseInput, REGIONS};
+use super::{Prepared, REGIONS};
 use crate::Result;
 use crate::statistics::robust_deviation;
 use graph::Laplacian;
@@ -35,12 +35,6 @@ const OF_MEDIAN: f64 = 1.2533;
 const LEAST_SIGMA: f64 = 0.005;
 /// Pixels of a photograph that are compared, about.
 const SAMPLES: f64 = 5000.0;
-
-/// A photograph of which no more is kept than its matches with others need: features and the prior's depth.
-///
-/// A video of any length can be compared pair by pair with a few of these in memory.
-#[derive(Debug)]
-pub struct Prepared(FeatureImage<'static>);
 
 /// The logarithm of the factor of the second photograph over that of the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,27 +63,15 @@ pub struct LogFactor {
 }
 
 impl Prepared {
-    /// Finds at most so many features; the photograph needs a prior.
-    ///
-    /// # Errors
-    /// [`Config`](crate::Error::Config) for an image too small for features, or no prior;
-    /// [`View`](crate::Error::View) for a camera that is not of the image's or the prior's size.
-    pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
-        let FeatureImage { features, lens, prior } = FeatureImage::new(photograph, max_features)?;
-        let missing = || OutOfRange::new("prior", "missing", "give each photograph its depth");
-        let prior = Some(prior.ok_or_else(missing)?.into_owned().into());
-        Ok(Self(FeatureImage { features, lens, prior }))
-    }
-
     /// The logarithm of the factor of `second` over that of `first`, and its standard deviation; nothing where fewer than
-    /// 20 matches agree on a motion.
+    /// 20 matches agree on a motion, or a photograph has no prior. A video of any length can be compared with a few of these in memory.
     ///
     /// Matches and the priors give the motion, as in [`estimate_poses`](super::estimate_poses); a tripod or a camera turned on the
     /// spot is no exception. Pixels of each photograph are lifted by its prior and moved into the other one, where the depth is
     /// compared with the other prior. The result is the median over both directions, so what is hidden in either does not matter.
     /// Its deviation is the robust spread over the root of the number of regions in the overlap, 30 in a whole photograph, in each of
     /// which the priors share an error. It depends on the photographs and the seed alone.
-    pub fn log_ratio(Self(a): &Self, Self(b): &Self, seed: u64) -> Option<[f64; 2]> {
+    pub fn log_ratio(a: &Self, b: &Self, seed: u64) -> Option<[f64; 2]> {
         let found = match_features(&a.features, &b.features);
         let Motion { pose, log_scales, log_focal, .. } = relative_pose([a, b], [0, 1], &found, seed).motion?;
         let (mut ratios, forth) = depth_log_ratios([a, b], &pose, log_scales[0], log_focal);
@@ -105,7 +87,7 @@ impl Prepared {
 /// Log ratio of `from`'s depth, moved into `to`, to `to`'s prior, per sampled pixel; and the overlap, as a share of the samples.
 /// `log_scale` is that of the pose's unit over the prior of `from`.
 fn depth_log_ratios(
-    [from, to]: [&FeatureImage; 2],
+    [from, to]: [&Prepared; 2],
     pose: &Pose,
     log_scale: f64,
     log_focal: f64,

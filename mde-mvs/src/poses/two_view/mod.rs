@@ -7,7 +7,7 @@ mod p3p;
 mod roots;
 
 use super::bundle::{Bundle, Cameras, Lens, Observed};
-use super::{EPIPOLAR_PIXELS, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS};
+use super::{EPIPOLAR_PIXELS, MIN_MATCHES, OUTLIER_PIXELS, Prepared};
 use crate::statistics::is_flat;
 use fundamental::{PixelPair, filter};
 use mde_uncertainty::statistics::median;
@@ -58,7 +58,7 @@ impl Motion {
 
 /// Those of the matches of two photographs of these places that obey one epipolar geometry.
 pub(super) fn verified_matches(
-    images: [&FeatureImage; 2],
+    images: [&Prepared; 2],
     [first, second]: [usize; 2],
     found: &[[usize; 2]],
     seed: u64,
@@ -76,7 +76,7 @@ pub(super) fn verified_matches(
 }
 
 /// Pixels of pairs of features.
-fn pixels([a, b]: [&FeatureImage; 2], pairs: &[[usize; 2]]) -> Vec<PixelPair> {
+fn pixels([a, b]: [&Prepared; 2], pairs: &[[usize; 2]]) -> Vec<PixelPair> {
     pairs.iter().map(|&[i, j]| (a.pixel(i), b.pixel(j))).collect()
 }
 
@@ -86,7 +86,7 @@ fn stream([first, second]: [usize; 2]) -> u64 {
 
 /// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
 pub(super) fn relative_pose(
-    [a, b]: [&FeatureImage; 2],
+    [a, b]: [&Prepared; 2],
     places: [usize; 2],
     found: &[[usize; 2]],
     seed: u64,
@@ -112,8 +112,8 @@ pub(super) fn relative_pose(
 }
 
 /// The matches that have not moved, where these are three quarters: the fundamental matrix is degenerate.
-fn unmoved([a, b]: [&FeatureImage; 2], found: &[[usize; 2]]) -> Option<Vec<[usize; 2]>> {
-    let size = |image: &FeatureImage| image.prior.as_ref().map(|prior| prior.dim());
+fn unmoved([a, b]: [&Prepared; 2], found: &[[usize; 2]]) -> Option<Vec<[usize; 2]>> {
+    let size = |image: &Prepared| image.prior.as_ref().map(|prior| prior.dim());
     let limit = EPIPOLAR_PIXELS * a.lens.noise;
     let still = |&[i, j]: &[usize; 2]| (a.pixel(i) - b.pixel(j)).norm() < limit;
     let kept: Vec<_> = found.iter().copied().filter(still).collect();
@@ -128,8 +128,8 @@ type Fitted = (Motion, Vec<bool>);
 /// points, and the adjustment of pose and depths. The adjustment also starts from no motion, since three points of a poor prior
 /// can lead it to a wrong minimum, and under a constant prior from that of the fundamental matrix; the start of lowest cost is kept.
 fn from_prior(
-    a: &FeatureImage,
-    b: &FeatureImage,
+    a: &Prepared,
+    b: &Prepared,
     pixels: &[PixelPair],
     matrix: Option<Matrix3<f64>>,
     ransac: &Ransac,
@@ -156,8 +156,8 @@ fn from_prior(
 
 /// The adjustment of pose and depths from that pose, and from the prior's depths or those that the pose gives.
 fn adjusted(
-    a: &FeatureImage,
-    b: &FeatureImage,
+    a: &Prepared,
+    b: &Prepared,
     pixels: &[PixelPair],
     depths: &[Option<f64>],
     start: Pose,

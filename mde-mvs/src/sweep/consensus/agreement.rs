@@ -80,9 +80,9 @@ fn landed(
 }
 
 /// Whether any of the others has the depth of a pixel of the first view; the maps, 0 where unknown, have the size of their views.
-pub(super) fn shown(views: &[&PosedView], depths: &[ArrayView2<'_, f32>]) -> Array2<bool> {
+pub(super) fn shown(views: &[PosedView], depths: &[ArrayView2<'_, f32>]) -> Array2<bool> {
     let others = views.iter().zip(depths).skip(1);
-    let others: Vec<_> = others.map(|(to, there)| (Transfer::new(views[0], to), *there)).collect();
+    let others: Vec<_> = others.map(|(to, there)| (Transfer::new(&views[0], to), *there)).collect();
     let by =
         |(y, x)| others.iter().any(|(forth, there)| landed(forth, [depths[0], *there], [x, y]).is_some());
     Array2::from_shape_fn(depths[0].dim(), by)

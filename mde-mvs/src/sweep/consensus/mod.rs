@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 pub use agreement::{Agreement, agreement};
 use chance::TRUSTED;
-pub use sweeps::{Sweeps, sweeps_bytes};
+pub use sweeps::{ReadPrior, ReadView, Sweeps, sweeps_bytes};
 
 use crate::sweep::Sweep;
 use crate::sweep::scale::{Match, Scale, patch};
@@ -70,13 +70,13 @@ pub fn reconstruct(
         return Err(Error::TooFewViews { views: views.len().min(priors.len()) });
     }
     let everyone: Vec<usize> = (0..views.len()).collect();
-    let prior = |view: usize| priors[view].to_owned();
-    let mut sweeps = Sweeps::new(views, &prior, vec![everyone.clone(); views.len()])?;
+    let (view, prior) = (|i: usize| Ok(views[i].clone()), |i: usize| priors[i].to_owned());
+    let mut sweeps = Sweeps::new(&view, &prior, vec![everyone.clone(); views.len()])?;
     match scale {
         Some(known) => sweeps.scale = Some(known),
         None => sweeps.find_scale(&everyone)?,
     }
-    sweeps.reconstruct(views, &prior, &everyone, callback)
+    sweeps.reconstruct(&view, &prior, &everyone, callback)
 }
 
 /// Pixels of one photograph that are probably right, each in its patch of the image.
@@ -160,12 +160,12 @@ mod tests {
     #[test]
     fn a_result_does_not_depend_on_those_before_it() {
         let (views, _, priors) = room(1.0);
-        let prior = |view: usize| priors[view].clone();
+        let (view, prior) = (|i: usize| Ok(views[i].clone()), |i: usize| priors[i].clone());
         let last_of = |results: &[&[usize]]| {
             let sources = vec![vec![0, 1], vec![0, 1, 2], vec![1, 2, 3], vec![2, 3]];
-            let mut sweeps = Sweeps::new(&views, &prior, sources).unwrap();
+            let mut sweeps = Sweeps::new(&view, &prior, sources).unwrap();
             let result =
-                |members: &&[usize]| sweeps.reconstruct(&views, &prior, members, &mut silent).unwrap();
+                |members: &&[usize]| sweeps.reconstruct(&view, &prior, members, &mut silent).unwrap();
             results.iter().map(result).last().unwrap()
         };
         assert_eq!(last_of(&[&[0, 1], &[2, 1, 3]]), last_of(&[&[2, 1, 3]]));

@@ -35,10 +35,13 @@ const NARROW: f64 = 1.5;
 /// Photographs whose last sweeps are kept: on a walk, those that the next photographs share.
 const KEPT: usize = 22;
 
+/// A view of a capture by its index; its pixels may be read from a file each time.
+pub type ReadView<'r> = dyn Fn(usize) -> Result<PosedView> + Sync + 'r;
+/// The prior of a view by its index: z-depth `[height, width]`, 0 where unknown, in one unit for all.
+pub type ReadPrior<'r> = dyn Fn(usize) -> Array2<f32> + Sync + 'r;
+
 /// Plane sweeps of a capture. Each photograph is swept against sources of its own, which alone confirm its depth, when a result first needs
 /// that. Sweeps and depths of 22 photographs are kept for the results that follow. A result does not depend on those before it.
-///
-/// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all, computed when it is needed.
 #[derive(Debug)]
 pub struct Sweeps {
     sources: Vec<Vec<usize>>,
@@ -105,28 +108,22 @@ impl Sweeps {
     /// For views with these sources, each by index in order; a view may be among its own.
     ///
     /// # Errors
-    /// [`Error::Reference`] for a source that is none of the views, [`Error::TooFewViews`] for other sources than views, [`Error::View`] for
-    /// a map of another size than its camera.
-    pub fn new(
-        views: &[PosedView],
-        prior: &dyn Fn(usize) -> Array2<f32>,
-        sources: Vec<Vec<usize>>,
-    ) -> Result<Self> {
-        if sources.len() != views.len() {
-            return Err(Error::TooFewViews { views: sources.len() });
+    /// [`Error::Reference`] for a source that is none of the views, [`Error::View`] for a map of another size than its camera, and the
+    /// errors of `view`.
+    pub fn new(view: &ReadView<'_>, prior: &ReadPrior<'_>, sources: Vec<Vec<usize>>) -> Result<Self> {
+        let views = sources.len();
+        if let Some(&reference) = sources.iter().flatten().find(|&&source| source >= views) {
+            return Err(Error::Reference { reference, views });
         }
-        if let Some(&reference) = sources.iter().flatten().find(|&&source| source >= views.len()) {
-            return Err(Error::Reference { reference, views: views.len() });
-        }
-        let mut priors = Vec::with_capacity(views.len());
-        let small = views.iter().enumerate().map(|(i, view)| {
+        let small = |i: usize| {
+            let (view, prior) = (view(i)?, prior(i));
             view.validate()?;
-            let (prior, small) = (prior(i), small_view(view, SMALL)?);
             view.camera.check_map("prior", prior.dim())?;
-            priors.push(small_map(&prior.view(), small.camera.dim()));
-            Ok(small)
-        });
-        let small = small.collect::<Result<Vec<_>>>()?;
+            let small = small_view(&view, SMALL)?;
+            let prior = small_map(&prior.view(), small.camera.dim());
+            Ok((small, prior))
+        };
+        let (small, priors) = (0..views).into_par_iter().map(small).collect::<Result<(Vec<_>, Vec<_>)>>()?;
         let (coarse, fine, maps) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
         let (used, done) = (Vec::new(), BTreeSet::new());
         Ok(Self { sources, small, priors, scale: None, coarse, fine, maps, used, done })
@@ -153,21 +150,22 @@ impl Sweeps {
         Ok(())
     }
 
-    /// Depth and variance of these photographs, with the inflation of their differences. `views` and `prior` are those of
+    /// Depth and variance of these photographs, with the inflation of their differences. `view` and `prior` are those of
     /// [`new`](Self::new). The callback counts the photographs that are swept, as many at once as are kept, as the last sweep of each ends.
     ///
     /// # Errors
-    /// [`Error::Reference`] for an index that is none of the views, [`Error::Interrupted`], and what [`sweep`] refuses.
+    /// [`Error::Reference`] for an index that is none of the views, [`Error::Interrupted`], what [`sweep`] refuses, and the
+    /// errors of `view`.
     pub fn reconstruct(
         &mut self,
-        views: &[PosedView],
-        prior: &dyn Fn(usize) -> Array2<f32>,
+        view: &ReadView<'_>,
+        prior: &ReadPrior<'_>,
         members: &[usize],
         callback: &mut Callback<'_>,
     ) -> Result<Reconstruction> {
-        if let Some(&reference) = members.iter().find(|&&member| member >= self.small.len().min(views.len()))
-        {
-            return Err(Error::Reference { reference, views: views.len() });
+        let views = self.small.len();
+        if let Some(&reference) = members.iter().find(|&&member| member >= views) {
+            return Err(Error::Reference { reference, views });
         }
         self.done.extend(members.first());
         let mut unknown: Vec<usize> =
@@ -183,19 +181,21 @@ impl Sweeps {
             let missing = self.keep(needed(count));
             self.sweep_coarsely(&missing)?;
             for (done, &i) in missing.iter().enumerate() {
-                self.fine.insert(i, self.swept(views, i, prior(i))?);
+                self.fine.insert(i, self.swept(view, i, prior(i))?);
                 notify(callback, done + 1, missing.len())?;
             }
             let batch: Vec<_> = unknown.drain(..count).map(|i| (i, prior(i))).collect();
-            let found = batch.into_par_iter().map(|(i, prior)| Ok((i, self.map(views, i, prior)?)));
+            let found = batch.into_par_iter().map(|(i, prior)| Ok((i, self.map(view, i, prior)?)));
             self.maps.extend(found.collect::<Result<Vec<_>>>()?);
             if unknown.is_empty() {
                 break;
             }
         }
-        let maps: Vec<_> = members.iter().map(|i| (&views[*i], &self.maps[i])).collect();
+        let views = members.iter().map(|i| view(*i)).collect::<Result<Vec<_>>>()?;
+        let maps: Vec<_> = views.iter().zip(members.iter().map(|i| &self.maps[i])).collect();
         let inflation = inflation(&maps);
-        let of = |(&i, (_, map)): (&usize, (&PosedView, &Map))| -> Result<ViewDepth> {
+        let of = |&i: &usize| -> Result<ViewDepth> {
+            let map = &self.maps[&i];
             Ok(ViewDepth {
                 prior: self.fine[&i].gauge.apply(prior(i).view())?,
                 fused: map.depth.clone().map(|m, v| (m, inflation * v)),
@@ -204,7 +204,7 @@ impl Sweeps {
                 ambiguity: map.ambiguity.clone(),
             })
         };
-        let views = members.iter().zip(maps).map(of).collect::<Result<_>>()?;
+        let views = members.iter().map(of).collect::<Result<_>>()?;
         Ok(Reconstruction { scale: self.scale, views, inflation })
     }
 
@@ -226,16 +226,16 @@ impl Sweeps {
         missing
     }
 
-    /// The photograph, then its sources.
-    fn group(&self, view: usize) -> Vec<usize> {
-        let others = self.sources[view].iter().copied().filter(|&source| source != view);
-        std::iter::once(view).chain(others).collect()
+    /// The photograph `i`, then its sources.
+    fn group(&self, i: usize) -> Vec<usize> {
+        let others = self.sources[i].iter().copied().filter(|&source| source != i);
+        std::iter::once(i).chain(others).collect()
     }
 
     /// The consensus of a photograph with its sources, all of which are swept.
-    fn map(&self, views: &[PosedView], view: usize, prior: Array2<f32>) -> Result<Map> {
-        let group = self.group(view);
-        let views: Vec<&PosedView> = group.iter().map(|&i| &views[i]).collect();
+    fn map(&self, view: &ReadView<'_>, i: usize, prior: Array2<f32>) -> Result<Map> {
+        let group = self.group(i);
+        let views = group.iter().map(|&i| view(i)).collect::<Result<Vec<_>>>()?;
         let fine: Vec<&Fine> = group.iter().map(|i| &self.fine[i]).collect();
         let depths: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.sweep.depth).collect();
         let agreement = agreement(&views, &depths, 0, &(1..group.len()).collect::<Vec<_>>())?;
@@ -251,7 +251,7 @@ impl Sweeps {
             .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
         let prior = GaussianDepth::new(centre.clone(), variance)?;
         let Fused { depth, inlier, ambiguity, .. } =
-            fuse(views[0], &prior, sweep, &chance, NARROW)?.without_unseen(&seen, &prior)?;
+            fuse(&views[0], &prior, sweep, &chance, NARROW)?.without_unseen(&seen, &prior)?;
         let sure =
             Zip::from(&inlier).and(&agreement.agree).map_collect(|&p, &agree| p > TRUSTED && agree > 0);
         let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
@@ -286,9 +286,10 @@ impl Sweeps {
     }
 
     /// Gauge and smooth correction of a prior by the small photographs, and the sweep about it.
-    fn swept(&self, views: &[PosedView], view: usize, prior: Array2<f32>) -> Result<Fine> {
-        views[view].camera.check_map("prior", prior.dim())?;
-        let group = self.group(view);
+    fn swept(&self, view: &ReadView<'_>, i: usize, prior: Array2<f32>) -> Result<Fine> {
+        let group = self.group(i);
+        let views = group.iter().map(|&i| view(i)).collect::<Result<Vec<_>>>()?;
+        views[0].camera.check_map("prior", prior.dim())?;
         let coarse: Vec<&Coarse> = group.iter().map(|i| &self.coarse[i]).collect();
         let small: Vec<&PosedView> = group.iter().map(|&i| &self.small[i]).collect();
         let everyone: Vec<usize> = (0..group.len()).collect();
@@ -308,9 +309,9 @@ impl Sweeps {
         }
         let (best, chance) = better(&coarse[0].wide, &wide, range, &whole)?;
         // A network's unknown shift of disparity bends the depth; one factor cannot follow it.
-        let small_prior = &self.priors[view];
+        let small_prior = &self.priors[i];
         let unknown = Scale { log_scale: 0.0, variance: 1.0, spread: 0.3, matches: 0 };
-        let gauge = Gauge::fit(&matches_of(small_prior, &best, &chance, view))
+        let gauge = Gauge::fit(&matches_of(small_prior, &best, &chance, i))
             .unwrap_or_else(|| Gauge::from_scale(&self.scale.unwrap_or(unknown)));
         let gauged = gauge.apply(small_prior.view())?;
         let fused = fuse(small[0], &gauged, &best, &chance, WIDE)?;
@@ -319,12 +320,12 @@ impl Sweeps {
             let r = (c / p).ln();
             if r.is_finite() { r } else { 0.0 }
         });
-        let (h, w) = views[view].camera.dim();
+        let (h, w) = views[0].camera.dim();
         let ratio = enlarge(&ratio, h, w);
         let prior = gauge.apply(prior.view())?;
         let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
         let around = Surfaces::Around { depth: centre.view(), factor: NARROW };
-        let sweep = sweep(views, view, &self.sources[view], around)?;
+        let sweep = sweep(&views, 0, &everyone, around)?;
         Ok(Fine { gauge, centre, sweep })
     }
 }

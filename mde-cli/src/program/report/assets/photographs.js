@@ -64,7 +64,9 @@ function photographSection({ layers }) {
   const held = capture.withheld_colours;
   if (held) about.push(`A check: moved to ${held.name} with the depth of the others, their colours are ${percent(held.found)} off; with the prior's, ${percent(held.prior)}.`);
   if (capture.fallback) about.push(`The photograph was refined alone: ${capture.fallback}.`);
-  const tiles = capture.photographs.map((photograph, index) => photographTile(photograph, index));
+  // Of a long capture those that were used or have no pose.
+  const shown = (photograph) => capture.photographs.length <= 32 || photograph.used || photograph.verdict !== "has a pose";
+  const tiles = capture.photographs.map((photograph, index) => shown(photograph) ? photographTile(photograph, index) : null);
   section("Photographs", about.join(" "), make("div", { class: "gallery photographs" }, tiles));
   if (layers.evidence) {
     const { origin } = report;
