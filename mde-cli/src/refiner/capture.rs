@@ -77,7 +77,8 @@ impl Refiner<'_> {
             let photograph = Photograph { mask, pose, ..Photograph::new(name, view.image, camera) };
             let mut photograph = photograph.resized(&sizes, true, &mut |text| seen.warn(text))?;
             let again = move || Ok(sizes.refined(open()?.image));
-            photograph.image = Pixels::in_file(photograph.image.read()?, (&recent, index), again);
+            photograph.image =
+                Pixels::in_file(photograph.image.read()?, (&recent, photograph.name.clone()), again);
             photographs.push(photograph);
             first = first.or(Some(index));
         }

@@ -22,15 +22,20 @@ pub struct Pixels {
 }
 
 impl Pixels {
-    /// Those of an image that `read` gives again, unless it is among the `recent` by that index.
+    /// Those of an image that `read` gives again, unless it is among the `recent` by its file's name.
     pub fn in_file(
         image: Image,
-        (recent, index): (&Recent, usize),
+        (recent, name): (&Recent, String),
         read: impl Fn() -> Result<Image> + Send + Sync + 'static,
     ) -> Self {
-        let (recent, size, content) = (recent.clone(), (image.dim().0, image.dim().1), checksum(&image));
-        _ = recent.image(index, || Ok(image));
-        Self { size, content: Some(content), read: Arc::new(move || recent.image(index, &read)) }
+        let (recent, (height, width, _), content) = (recent.clone(), image.dim(), checksum(&image));
+        _ = recent.image(&name, || Ok(image));
+        let read = move || {
+            let image = recent.image(&name, &read)?;
+            let changed = || Error::Input(format!("{name}: has changed since the run began; start again"));
+            (image.dim() == (height, width, 3)).then_some(image).ok_or_else(changed)
+        };
+        Self { size: (height, width), content: Some(content), read: Arc::new(read) }
     }
 
     /// `(height, width)`.
@@ -43,9 +48,7 @@ impl Pixels {
     /// # Errors
     /// That of a file that can't be read any more, and [`Error::Input`] where its size has changed.
     pub fn read(&self) -> Result<Image> {
-        let image = (self.read)()?;
-        let changed = || Error::Input("a photograph has changed since the run began; start again".to_owned());
-        (image.dim() == (self.size.0, self.size.1, 3)).then_some(image).ok_or_else(changed)
+        (self.read)()
     }
 
     /// CRC-32 of the pixels; of a file when it was opened.
@@ -66,11 +69,8 @@ fn checksum(image: &Image) -> u32 {
 impl<I: Into<Image>> From<I> for Pixels {
     fn from(image: I) -> Self {
         let image = image.into();
-        Self {
-            size: (image.dim().0, image.dim().1),
-            content: None,
-            read: Arc::new(move || Ok(image.clone())),
-        }
+        let (height, width, _) = image.dim();
+        Self { size: (height, width), content: None, read: Arc::new(move || Ok(image.clone())) }
     }
 }
 
@@ -80,20 +80,20 @@ impl Debug for Pixels {
     }
 }
 
-/// The images of a capture that were used last, by an index; clones share them.
+/// The images of a capture that were used last, by the names of their files; clones share them.
 #[derive(Debug, Clone, Default)]
-pub struct Recent(Arc<Mutex<VecDeque<(usize, Image)>>>);
+pub struct Recent(Arc<Mutex<VecDeque<(String, Image)>>>);
 
 impl Recent {
-    /// The image of that index, read if it is not kept.
-    fn image(&self, index: usize, read: impl FnOnce() -> Result<Image>) -> Result<Image> {
+    /// The image of that name, read if it is not kept.
+    fn image(&self, name: &str, read: impl FnOnce() -> Result<Image>) -> Result<Image> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = lock().iter().find(|(other, _)| *other == index).map(|(_, image)| image.clone());
+        let kept = lock().iter().find(|(other, _)| other == name).map(|(_, image)| image.clone());
         // Not under the lock: a thread that waits for it may have to decode.
         let image = kept.map_or_else(read, Ok)?;
         let mut kept = lock();
-        kept.retain(|(other, _)| *other != index);
-        kept.push_back((index, image.clone()));
+        kept.retain(|(other, _)| other != name);
+        kept.push_back((name.to_owned(), image.clone()));
         if kept.len() > RECENT {
             kept.pop_front();
         }
@@ -114,7 +114,7 @@ mod tests {
         let recent = Recent::default();
         let pixels = |index: usize| {
             let read = move || Array3::from_elem((2, WIDTH.load(Relaxed), 3), index as f32).into_shared();
-            Pixels::in_file(read(), (&recent, index), move || {
+            Pixels::in_file(read(), (&recent, format!("{index}.jpg")), move || {
                 READS.fetch_add(1, Relaxed);
                 Ok(read())
             })
@@ -125,7 +125,7 @@ mod tests {
             assert_eq!(READS.load(Relaxed), reads, "{index}");
         }
         WIDTH.store(4, Relaxed);
-        assert!(all[4].read().unwrap_err().to_string().contains("changed"));
+        assert!(all[4].read().unwrap_err().to_string().starts_with("4.jpg: has changed"));
         let held = Pixels::from(Array3::from_elem((2, 3, 3), 5.0));
         assert_eq!((held.size(), held.content().unwrap()), ((2, 3), all[5].content().unwrap()));
     }

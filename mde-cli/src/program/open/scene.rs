@@ -86,7 +86,7 @@ impl Opener<'_> {
                     let (file, sizes) = (path.clone(), self.refiner.settings().sizes);
                     let again = move || Ok(sizes.refined(read_image(&file)?.pixels.into_shared()));
                     photograph.image =
-                        Pixels::in_file(photograph.image.read()?, (&recent, read.len()), again);
+                        Pixels::in_file(photograph.image.read()?, (&recent, photograph.name.clone()), again);
                     photographs.push(photograph);
                     read.push(path);
                 }
