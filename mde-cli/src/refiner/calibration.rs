@@ -55,7 +55,7 @@ pub fn fingerprint(
     let Config { refinement, augmentation, sigma, .. } = config;
     let usual = Config::default();
     let decisive = Decisive {
-        version: 2,
+        version: 3,
         augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
         field: (!several && refinement.fits_a_field()).then(|| Config {

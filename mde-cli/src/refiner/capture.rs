@@ -75,11 +75,10 @@ impl Refiner<'_> {
             let camera = KnownCamera { camera: view.camera, source: CameraSource::File(source.clone()) };
             let (mask, pose) = (view.mask, Some(view.pose));
             let photograph = Photograph { mask, pose, ..Photograph::new(name, view.image, camera) };
-            let mut photograph = photograph.resized(&sizes, true, &mut |text| seen.warn(text))?;
+            let mut one = photograph.resized(&sizes, true, &mut |text| seen.warn(text))?;
             let again = move || Ok(sizes.refined(open()?.image));
-            photograph.image =
-                Pixels::in_file(photograph.image.read()?, (&recent, photograph.name.clone()), again);
-            photographs.push(photograph);
+            one.image = Pixels::in_file(one.image.read()?, (&recent, one.name.clone()), again);
+            photographs.push(one);
             first = first.or(Some(index));
         }
         let (scene, _) = scene_of(photographs, unreadable, seen)?;

@@ -23,13 +23,10 @@ use crate::{DepthKind, Error, PriorDepth, Result};
 /// # Errors
 /// [`Error::Input`] for predictions of two sizes or kinds.
 pub fn flip_average(mut straight: PriorDepth, mirrored: &PriorDepth) -> Result<PriorDepth> {
-    if mirrored.kind != straight.kind || mirrored.map.dim() != straight.map.dim() {
+    let [one, other] = [&straight, mirrored].map(|prior| format!("{} {:?}", prior.kind, prior.map.dim()));
+    if one != other {
         return Err(Error::Input(format!(
-            "the prior gave {} {:?} for the image but {} {:?} for its mirror image; both must agree to be averaged",
-            straight.kind,
-            straight.map.dim(),
-            mirrored.kind,
-            mirrored.map.dim()
+            "the prior gave {one} for the image but {other} for its mirror image; both must agree to be averaged"
         )));
     }
     let (map, valid) = (mirrored.map.slice(s![.., ..;-1]), mirrored.valid.slice(s![.., ..;-1]));

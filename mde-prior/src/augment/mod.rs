@@ -186,11 +186,10 @@ impl AugmentationConfig {
         }
         let mut whole = whole.into_iter();
         let Some(prior) = whole.next() else { return Ok(None) };
-        if prior.map.dim() != (height, width) || prior.valid.dim() != (height, width) {
+        let (rows, columns) = prior.map.dim();
+        if (rows, columns) != (height, width) || prior.valid.dim() != (height, width) {
             return Err(Error::Input(format!(
-                "for an image of {width}x{height} the model returned {}x{}; the augmentation needs the image's size",
-                prior.map.ncols(),
-                prior.map.nrows()
+                "for an image of {width}x{height} the model returned {columns}x{rows}; the augmentation needs the image's size"
             )));
         }
         let start = match whole.next() {
@@ -230,11 +229,11 @@ impl AugmentationConfig {
             if at_once.in_order(&crops, change, take)?.is_break() {
                 return Ok(None);
             }
-            let (mean, spread) = changes.mean_and_variance();
+            let (mean, spread, apart) = changes.mean_and_variance();
             current.zip_mut_with(&mean, |c, m| *c += self.gain as f32 * m);
             variance += &spread;
             let moved: f64 = mean.iter().map(|m| f64::from(m * m)).sum();
-            if self.predictions == Predictions::Auto && moved < spread.iter().map(|v| f64::from(*v)).sum() {
+            if self.predictions == Predictions::Auto && moved < apart {
                 stopped = Some(level).filter(|_| plan.levels.len() > index + 1);
                 plan.levels.truncate(index + 1);
                 break;
@@ -319,13 +318,10 @@ fn predict_crop(
 ) -> Result<Array2<f32>> {
     let prediction = model.predict(copied(crop, mirrored).view())?;
     let (height, width, _) = crop.dim();
-    if prediction.map.dim() != (height, width) || prediction.kind != values.kind {
+    let (wanted, found, (rows, columns)) = (values.kind, prediction.kind, prediction.map.dim());
+    if (rows, columns) != (height, width) || found != wanted {
         return Err(Error::Input(format!(
-            "for a crop of {width}x{height} the model returned {} of {}x{}; the augmentation needs {} of the crop's size",
-            prediction.kind,
-            prediction.map.ncols(),
-            prediction.map.nrows(),
-            values.kind
+            "for a crop of {width}x{height} the model returned {found} of {columns}x{rows}; the augmentation needs {wanted} of the crop's size"
         )));
     }
     let mut prediction = values.of_prior(&prediction);

@@ -22,11 +22,13 @@ pub(super) struct Changes {
     sum: Array2<f32>,
     squares: Array2<f32>,
     weight: Array2<f32>,
+    squared_weight: Array2<f32>,
 }
 
 impl Changes {
     pub(super) fn new(size: (usize, usize)) -> Self {
-        Self { sum: Array2::zeros(size), squares: Array2::zeros(size), weight: Array2::zeros(size) }
+        let [sum, squares, weight, squared_weight] = [(); 4].map(|()| Array2::zeros(size));
+        Self { sum, squares, weight, squared_weight }
     }
 
     pub(super) fn add(&mut self, (y, x): (usize, usize), change: ArrayView2<'_, f32>) {
@@ -34,30 +36,36 @@ impl Changes {
         let sine = |at: usize, side: usize| (std::f32::consts::PI * (at as f32 + 0.5) / side as f32).sin();
         let across = Array1::from_shape_fn(width, |u| sine(u, width));
         let window = s![y..y + height, x..x + width];
-        let [mut sums, mut squares, mut weights] =
-            [&mut self.sum, &mut self.squares, &mut self.weight].map(|map| map.slice_mut(window));
+        let Self { sum, squares, weight, squared_weight } = self;
+        let mut maps = [sum, squares, weight, squared_weight].map(|map| map.slice_mut(window));
         for (v, change) in change.outer_iter().enumerate() {
             let down = sine(v, height);
-            let [sum, square, weight] = [&mut sums, &mut squares, &mut weights].map(|map| map.row_mut(v));
-            Zip::from(sum).and(square).and(weight).and(change).and(&across).for_each(
-                |sum, square, weight, &d, &across| {
+            let [sum, square, weight, squared] = maps.each_mut().map(|map| map.row_mut(v));
+            Zip::from(sum).and(square).and(weight).and(squared).and(change).and(&across).for_each(
+                |sum, square, weight, squared, &d, &across| {
                     let w = down * across + LEAST;
                     *sum += w * d;
                     *square += w * d * d;
                     *weight += w;
+                    *squared += w * w;
                 },
             );
         }
     }
 
-    /// Mean and variance per pixel; zero where there is no crop.
-    pub(super) fn mean_and_variance(self) -> (Array2<f32>, Array2<f32>) {
-        let Self { mut sum, mut squares, weight } = self;
-        Zip::from(&mut sum).and(&mut squares).and(&weight).for_each(|sum, square, &weight| {
+    /// Mean and unbiased variance per pixel, zero where there is no crop, and the sum of the variances about the mean.
+    pub(super) fn mean_and_variance(self) -> (Array2<f32>, Array2<f32>, f64) {
+        let (Self { mut sum, mut squares, weight, squared_weight }, mut all) = (self, 0.0);
+        let pixels = Zip::from(&mut sum).and(&mut squares).and(&weight).and(&squared_weight);
+        pixels.for_each(|sum, square, &weight, &squared| {
             let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
             *sum *= scale;
-            *square = (*square * scale - *sum * *sum).max(0.0);
+            let variance = (*square * scale - *sum * *sum).max(0.0);
+            all += f64::from(variance);
+            // Bessel's correction with Kish's number of crops; one alone has no variance.
+            let crops = (weight * weight / squared).max(1.1);
+            *square = variance * crops / (crops - 1.0);
         });
-        (sum, squares)
+        (sum, squares, all)
     }
 }
