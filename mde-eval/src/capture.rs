@@ -40,20 +40,6 @@ pub struct CapturedView {
     pub true_pose: Option<Pose>,
 }
 
-impl Capture {
-    /// Moves the world into the frame of the reference's camera.
-    #[must_use]
-    pub fn rebased(mut self) -> Self {
-        let Some(reference) = self.views.first() else { return self };
-        let (given, exact) = (reference.view.pose.inverse(), reference.true_pose.map(|pose| pose.inverse()));
-        for view in &mut self.views {
-            view.view.pose *= given;
-            view.true_pose = view.true_pose.zip(exact).map(|(pose, world)| pose * world);
-        }
-        self
-    }
-}
-
 /// The pose of the photograph `index`, off by `degrees` about a random axis and by 20 mm per degree in a random direction.
 pub(crate) fn disturbed(pose: &Pose, degrees: f64, seed: u64, index: usize) -> Pose {
     if degrees == 0.0 {

@@ -95,7 +95,7 @@ impl Sample {
     /// # Errors
     /// [`Error::Scene`] without photographs, [`Error::Shape`] where truth and reference differ in size.
     pub fn of_capture(capture: Capture) -> Result<Self> {
-        let Capture { id, views, truth: depth, trusted_depth } = capture.rebased();
+        let Capture { id, views, truth: depth, trusted_depth } = capture;
         let mut views = views.into_iter();
         let Some(reference) = views.next() else {
             return Err(Error::Scene { index: 0, count: 0 });

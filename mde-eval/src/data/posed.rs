@@ -95,7 +95,8 @@ impl Posed {
             let frame = read.frames.get(index).ok_or_else(|| {
                 fault(format!("has {frames} frames, but scene.json names frame {index}, counted from 0"))
             })?;
-            let view = frame.view(read_image(&frame.photograph)?.pixels.view())?;
+            let mut view = frame.view(read_image(&frame.photograph)?.pixels.view())?;
+            view.pose *= read.frames[reference].pose.inverse();
             Ok(CapturedView { view, prior: None, true_pose: None })
         };
         let views = order.map(view).collect::<Result<Vec<_>>>()?;
@@ -106,7 +107,7 @@ impl Posed {
         let middle = median(truth.iter().copied().filter(|z| *z > 0.0));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
-        let mut capture = Capture { id: id.to_owned(), views, truth, trusted_depth }.rebased();
+        let mut capture = Capture { id: id.to_owned(), views, truth, trusted_depth };
         let seed = derived_seed(0, id, 0);
         for (index, captured) in capture.views.iter_mut().enumerate().skip(1) {
             captured.view.pose = disturbed(&captured.view.pose, self.pose_noise, seed, index);

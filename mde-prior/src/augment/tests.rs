@@ -116,6 +116,14 @@ fn a_cancelled_augmentation_has_no_result() {
     assert_eq!(calls, 6);
 }
 
+#[test]
+fn the_variance_of_crops_is_unbiased() {
+    let mut changes = window::Changes::new((3, 4));
+    [0.0, 2.0].iter().for_each(|v| changes.add((0, 0), Array2::from_elem((3, 4), *v).view()));
+    let (mean, variance, _) = changes.mean_and_variance();
+    assert!((mean - 1.0).iter().chain(&(variance - 2.0)).all(|off| off.abs() < 1e-4));
+}
+
 /// An image and its mirror image alone have a spread too.
 #[test]
 fn two_predictions_that_differ_have_a_spread() {
