@@ -123,11 +123,11 @@ pub fn scene_of(
             rest[0].mask = before[index - 1].mask.clone();
         }
     }
-    let contents = photographs.iter().map(|one| Ok((one.size(), one.image.content()?)));
-    let contents = contents.collect::<Result<Vec<_>>>()?;
+    let contents: Vec<_> = photographs.iter().map(|one| one.image.content().ok()).collect();
+    let pixels = |index: usize| photographs[index].image.read().ok();
     let same = |index: usize| {
-        let before = contents[..index].iter().position(|content| *content == contents[index]);
-        before.map(|other| &photographs[other].name)
+        let is_same = |&other: &usize| contents[other] == contents[index] && pixels(other) == pixels(index);
+        (0..index).find(is_same).map(|other| &photographs[other].name)
     };
     let copies: Vec<_> = (0..photographs.len()).map(same).collect();
     for (photograph, other) in photographs.iter().zip(&copies) {

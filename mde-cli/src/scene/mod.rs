@@ -159,10 +159,11 @@ impl Scene {
             if self.photographs[..index].iter().any(|other| other.name == *name) {
                 return fault(format!("two photographs are named {name}"), "rename one");
             }
-            let camera = &photograph.camera.camera;
-            let sizes = [("image", photograph.size()), ("mask", photograph.mask.dim())];
-            let is_sound = sizes.into_iter().try_for_each(|(what, size)| camera.check_map(what, size));
-            if let Err(error) = is_sound.and_then(|()| camera.validate()) {
+            let pose = photograph.pose.unwrap_or_else(Pose::identity);
+            let place = photograph.place(pose, photograph.camera.camera);
+            if !photograph.image.are_in_file()
+                && let Err(error) = (PosedView { image: photograph.image.read()?, ..place }).validate()
+            {
                 return fault(format!("{name}: {error}"), "check the photograph and its camera");
             }
         }

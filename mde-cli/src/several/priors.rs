@@ -6,11 +6,13 @@ use crate::refinement::check_prior;
 use crate::refinement::stages::Stages;
 use crate::scene::Scene;
 use crate::several::cameras::Posed;
+use mde_prior::pixels::RECENT;
 use mde_prior::predict_each;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use mde_warp::{WarpConfig, forward_warp};
 use ndarray::{ArcArray2, Array2, Array3};
+use rayon::prelude::*;
 use std::ops::ControlFlow;
 
 /// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map. As many run at
@@ -26,8 +28,8 @@ pub(super) fn predict(
     let every = prior.accepts_new_images();
     let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.reference).collect();
     let (mut depths, mut done, mut fault) = (vec![None; count], 0, None);
-    for part in wanted.chunks(rayon::current_num_threads()) {
-        let images = part.iter().map(|&index| scene.photographs[index].image.read());
+    for part in wanted.chunks(RECENT) {
+        let images = part.par_iter().map(|&index| scene.photographs[index].image.read());
         let images = images.collect::<mde_prior::Result<Vec<_>>>()?;
         let views: Vec<_> = images.iter().map(|image| image.view()).collect();
         let flow = predict_each(prior, &views, stages.at_once, |prediction| {

@@ -120,9 +120,9 @@ pub fn refine_poses(
     };
     let mut photographs: Vec<EstimatedPose> = (0..shots.len()).map(of_photograph).collect();
     photographs[..=reference].rotate_left(1);
-    let found: Vec<_> = photographs.iter().map(|one| one.pose.filter(|_| accepted)).collect();
-    let moved = moved(poses, &found);
-    Ok(Refined { photographs, accepted, withheld, moved, depths: bundle.reference_depths() })
+    let found = photographs.iter().map(|one| one.pose.filter(|_| accepted));
+    let (moved, depths) = (moved(poses, &found.collect::<Vec<_>>()), bundle.reference_depths());
+    Ok(Refined { photographs, accepted, withheld, moved, depths })
 }
 
 /// The photographs whose found pose is farther from the given one than [`MOVED`] allows.

@@ -43,9 +43,8 @@ pub struct ViewScore {
 }
 
 /// Scores the other views against `views[reference]` of known depth (0 where unknown, in the unit of the poses); of a long capture the
-/// 48 nearest that look the same way. `energies` are the [`gradient_energy`] of all
-/// views, whose images are not read. The scores come best first, equal ones in the order of the views;
-/// the first `max_views` of them that may be used are chosen.
+/// 48 nearest that look the same way. `energies` are the [`gradient_energy`] of all views, whose images are not read. The scores come best
+/// first, equal ones in the order of the views; the first `max_views` of them that may be used are chosen.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a mask or a depth map of another size than its camera.

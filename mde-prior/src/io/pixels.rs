@@ -16,7 +16,6 @@ pub type Image = ArcArray<f32, Ix3>;
 #[derive(Clone)]
 pub struct Pixels {
     size: (usize, usize),
-    /// CRC-32 of those of a file.
     content: Option<u32>,
     read: Arc<dyn Fn() -> Result<Image> + Send + Sync>,
 }
@@ -41,6 +40,11 @@ impl Pixels {
     /// `(height, width)`.
     pub fn size(&self) -> (usize, usize) {
         self.size
+    }
+
+    /// Whether they are in a file, whose decoder gives no colour that is not finite.
+    pub fn are_in_file(&self) -> bool {
+        self.content.is_some()
     }
 
     /// The image.

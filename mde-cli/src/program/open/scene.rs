@@ -82,12 +82,11 @@ impl Opener<'_> {
         for path in paths {
             match read_image(&path) {
                 Ok(photo) => {
-                    let mut photograph = self.photograph(&path, photo, true)?;
+                    let mut one = self.photograph(&path, photo, true)?;
                     let (file, sizes) = (path.clone(), self.refiner.settings().sizes);
                     let again = move || Ok(sizes.refined(read_image(&file)?.pixels.into_shared()));
-                    photograph.image =
-                        Pixels::in_file(photograph.image.read()?, (&recent, photograph.name.clone()), again);
-                    photographs.push(photograph);
+                    one.image = Pixels::in_file(one.image.read()?, (&recent, one.name.clone()), again);
+                    photographs.push(one);
                     read.push(path);
                 }
                 Err(error) if image != Some(&path) => {
