@@ -1,9 +1,8 @@
 //! Bringing a prediction to the truth's scale before it is scored.
 //!
-//! A monocular depth is known up to a scale, sometimes up to an affine map of its disparity. What is fitted decides the
-//! score, so an [`AlignmentRule`] has a name that belongs beside every number, and a fitted [`Alignment`] is a value: fit one
-//! per map (*own*), or fit the baseline's and apply it to every method (*shared*), so that a difference is not the
-//! alignment's.
+//! A monocular depth is known up to a scale, sometimes up to an affine map of its disparity. What is fitted decides the score, so an
+//! [`AlignmentRule`] has a name that belongs beside every number, and a fitted [`Alignment`] is a value: fit one per map (*own*), or fit
+//! the baseline's and apply it to every method (*shared*), so that a difference is not the alignment's.
 
 use crate::error::{check_lists, positive};
 use crate::{Error, Result};
@@ -48,8 +47,7 @@ impl AlignmentRule {
     /// A prediction that cannot fix the parameters (all depths equal, for the two affine rules) is left as it is.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Empty`] without pixels, [`Error::Value`] for a depth that is not positive and
-    /// finite.
+    /// [`Error::Length`], [`Error::Empty`] without pixels, [`Error::Value`] for a depth that is not positive and finite.
     pub fn fit(self, prediction: &[f64], truth: &[f64]) -> Result<Alignment> {
         check_lists(
             "an alignment",

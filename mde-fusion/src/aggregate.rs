@@ -17,9 +17,8 @@ pub enum Aggregation {
 
 /// Aggregates the depth of many views per pixel: Eq. 7-8, or another [`Aggregation`].
 ///
-/// All maps are `[height, width]`, reprojected into one camera. A view that is missing at a pixel does not count
-/// there, and a pixel that every view misses stays missing (\\(\tau_r = 0\\)). The order of the views does not
-/// matter.
+/// All maps are `[height, width]`, reprojected into one camera. A view that is missing at a pixel does not count there, and a pixel that
+/// every view misses stays missing (\\(\tau_r = 0\\)). The order of the views does not matter.
 ///
 /// Without views the map is empty, `[0, 0]`.
 ///
@@ -90,15 +89,13 @@ pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
     Some(Gaussian::new(first.mean + offset / tau, least / tau))
 }
 
-/// Variance of the mixture of the views with the weights of Eq. 7, which does not assume that their errors are
-/// independent.
+/// Variance of the mixture of the views with the weights of Eq. 7, which does not assume that their errors are independent.
 ///
 /// \\[ \sigma^2_{\mathrm{mix}} = \frac{|\mathcal V|}{\tau_r} + \sum_j \frac{\tau_j}{\tau_r}
 /// \bigl(\mu_r^{(j)} - \mu_r^{\mathrm{agg}}\bigr)^2,\qquad \tau_j = 1/(\sigma_r^2)^{(j)} \\]
 ///
-/// The first term is \\(\sum_j \tfrac{\tau_j}{\tau_r} (\sigma_r^2)^{(j)}\\), so this is the law of total variance.
-/// Eq. 8 divides the variance by the number of views. Renders of one field share their error, so that Eq. 8 is too small by up
-/// to that number.
+/// The first term is \\(\sum_j \tfrac{\tau_j}{\tau_r} (\sigma_r^2)^{(j)}\\), so this is the law of total variance. Eq. 8 divides the
+/// variance by the number of views. Renders of one field share their error, so that Eq. 8 is too small by up to that number.
 ///
 /// `mean` is \\(\mu_r^{\mathrm{agg}}\\). 0 without estimates.
 pub(crate) fn mixture_variance(estimates: &[Gaussian], mean: f64) -> f64 {

@@ -22,8 +22,7 @@ pub struct FusionReport {
     pub sigma_o_clamped: bool,
     /// Why the calibration was refused, if it was.
     pub degenerate: Option<Degenerate>,
-    /// Quantiles (5, 25, 50, 75, 95 %) of the views' aggregated variance, in the depth's unit squared; 0 without
-    /// pixels.
+    /// Quantiles (5, 25, 50, 75, 95 %) of the views' aggregated variance, in the depth's unit squared; 0 without pixels.
     pub variance_quantiles: [f64; 5],
     /// Pixels whose fused depth was not positive and which kept the prior's.
     pub reverted: usize,

@@ -17,17 +17,15 @@ pub trait RadianceField: Send {
     /// have the exposure of view 0.
     ///
     /// # Errors
-    /// Views without a valid pixel or range, a fit that diverges, [`Error::Interrupted`](crate::Error::Interrupted) where the
-    /// callback returns [`ControlFlow::Break`], and the implementation's own as
-    /// [`Error::External`](crate::Error::External).
+    /// Views without a valid pixel or range, a fit that diverges, [`Error::Interrupted`](crate::Error::Interrupted) where the callback
+    /// returns [`ControlFlow::Break`], and the implementation's own as [`Error::External`](crate::Error::External).
     fn fit(&mut self, views: &[PosedView], callback: &mut FieldCallback<'_>) -> Result<FitReport>;
 
     /// Renders the fitted field from `pose` (world to camera).
     ///
     /// # Errors
     /// [`Error::NotFitted`](crate::Error::NotFitted), [`Error::View`](crate::Error::View) for a camera or a pose that is not valid,
-    /// [`Error::Interrupted`](crate::Error::Interrupted), or the
-    /// implementation's own as [`Error::External`](crate::Error::External).
+    /// [`Error::Interrupted`](crate::Error::Interrupted), or the implementation's own as [`Error::External`](crate::Error::External).
     fn render(
         &self,
         camera: &PinholeCamera,

@@ -1,9 +1,8 @@
 //! The whole chain, from every parameter of both fields to the loss.
 //!
-//! Dual numbers run the same forward pass with an independent formula of the loss, central differences the loss that is
-//! optimised. Sample positions are fixed by a seed, without importance samples: their positions would move with the
-//! parameters, and the gradient holds them fixed. The seeds keep the rays away from the kinks of the ReLU and of the losses'
-//! absolute values.
+//! Dual numbers run the same forward pass with an independent formula of the loss, central differences the loss that is optimised. Sample
+//! positions are fixed by a seed, without importance samples: their positions would move with the parameters, and the gradient holds them
+//! fixed. The seeds keep the rays away from the kinks of the ReLU and of the losses' absolute values.
 
 use crate::config::{
     ColourLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, SamplingConfig, TrainConfig, VolumeConfig,

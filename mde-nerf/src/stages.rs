@@ -47,8 +47,7 @@ pub fn fields() -> [(&'static str, FieldConfig); 2] {
     ]
 }
 
-/// Calls `visit` with every stage of a field and a function that runs it once, on a synthetic 640 x 480 view of a curved wall behind
-/// a box.
+/// Calls `visit` with every stage of a field and a function that runs it once, on a synthetic 640 x 480 view of a curved wall behind a box.
 ///
 /// # Errors
 /// [`Error::Config`] where a value is out of range, [`Error::Diverged`] where the warm-up diverges.

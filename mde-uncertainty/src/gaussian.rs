@@ -3,9 +3,8 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 /// A depth map with a variance per pixel, both `[height, width]`.
 ///
-/// The mean is z-depth (along the optical axis, never along the ray) in the prior's unit; the variance is in that unit
-/// squared. A missing pixel has infinite variance, that is precision 0, and mean 0; a variance of 0 is an exact depth. No value is
-/// NaN.
+/// The mean is z-depth (along the optical axis, never along the ray) in the prior's unit; the variance is in that unit squared. A missing
+/// pixel has infinite variance, that is precision 0, and mean 0; a variance of 0 is an exact depth. No value is NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianDepth {
     mean: Array2<f32>,

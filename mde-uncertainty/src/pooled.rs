@@ -1,8 +1,7 @@
 //! Intervals of a stated probability: half widths in units of sigma, from the errors on scenes of known depth.
 //!
-//! The pixels of one scene err together, so the scene is the unit. With \\(F_s\\) the distribution function of \\(|e| / \sigma\\)
-//! over the pixels of scene \\(s\\), the half width of probability \\(p\\) is where the *mean of the scenes' distribution functions*
-//! reaches it,
+//! The pixels of one scene err together, so the scene is the unit. With \\(F_s\\) the distribution function of \\(|e| / \sigma\\) over the
+//! pixels of scene \\(s\\), the half width of probability \\(p\\) is where the *mean of the scenes' distribution functions* reaches it,
 //!
 //! \\[ \frac1S \sum_{s=1}^{S} F_s(q_p) = p : \\]
 //!
@@ -29,8 +28,7 @@ impl PooledIntervals {
     /// Number of probabilities in the table.
     pub const STEPS: usize = 100;
 
-    /// The table of `scenes`, each the quantiles of \\(|e| / \sigma\\) at equal steps of probability from 0 to 1. Scenes weigh
-    /// alike.
+    /// The table of `scenes`, each the quantiles of \\(|e| / \sigma\\) at equal steps of probability from 0 to 1. Scenes weigh alike.
     ///
     /// # Errors
     /// [`Config`](crate::Error::Config) without scenes, for a scene of fewer than two quantiles, and for quantiles that decrease, are negative
@@ -116,8 +114,7 @@ impl Tails {
     }
 }
 
-/// For each scene, the share of its pixels inside the interval of probability `p` of all *other* scenes; `None` for fewer than
-/// two scenes.
+/// For each scene, the share of its pixels inside the interval of probability `p` of all *other* scenes; `None` for fewer than two scenes.
 ///
 /// # Errors
 /// As [`PooledIntervals::fit`] and [`PooledIntervals::half_width`].

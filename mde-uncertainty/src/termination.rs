@@ -7,8 +7,7 @@ use crate::Real;
 
 /// The variance that the extent of a bin adds.
 ///
-/// Eq. 5 puts the mass of a bin at its midpoint, so that a surface inside one bin has a variance of 0, and the clamp determines
-/// its weight.
+/// Eq. 5 puts the mass of a bin at its midpoint, so that a surface inside one bin has a variance of 0, and the clamp determines its weight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum InBinVariance {

@@ -44,8 +44,7 @@ impl PinholeCamera {
 
     /// Square pixels, principal point in the middle, \\( f = \frac{w}{2} / \tan\frac{\text{fov}}{2} \\).
     ///
-    /// The field of view, in degrees, spans the whole width, from the left edge of the first column to the right edge of
-    /// the last.
+    /// The field of view, in degrees, spans the whole width, from the left edge of the first column to the right edge of the last.
     ///
     /// # Errors
     /// [`Error::Camera`] for a field of view outside (0, 180) degrees or an empty image.

@@ -1,8 +1,7 @@
 #![doc = include_str!("../README.md")]
 //!
-//! [`sample_poses`] places synthetic cameras about the original one, [`forward_warp`] renders colour and depth into them
-//! with a z-buffer (Section III.A of the paper), and [`reproject`] carries a Gaussian depth map with its variance between
-//! cameras (Section III.D).
+//! [`sample_poses`] places synthetic cameras about the original one, [`forward_warp`] renders colour and depth into them with a z-buffer
+//! (Section III.A of the paper), and [`reproject`] carries a Gaussian depth map with its variance between cameras (Section III.D).
 
 mod camera;
 mod error;

@@ -1,9 +1,8 @@
 //! A depth map as a surface that is torn between objects.
 //!
-//! Pixels are joined into triangles, two for each square of four neighbours (a cell). Where the pixels of a cell lie on
-//! more than one surface there is no triangle between the surfaces: each pixel keeps its quarter of the cell instead, with
-//! its surface's own slope, so that two surfaces meet half-way between their pixels, and a structure one pixel thin is one
-//! pixel wide.
+//! Pixels are joined into triangles, two for each square of four neighbours (a cell). Where the pixels of a cell lie on more than one
+//! surface there is no triangle between the surfaces: each pixel keeps its quarter of the cell instead, with its surface's own slope, so
+//! that two surfaces meet half-way between their pixels, and a structure one pixel thin is one pixel wide.
 
 use crate::raster::{Corner, Projected, snap, triangle};
 use crate::transfer::Transfer;

@@ -46,10 +46,9 @@ impl ReprojectConfig {
 ///
 /// \\[ \mu' = (e_z^\top R d)\, \mu + t_z, \qquad \sigma'^2 = (e_z^\top R d)^2 \sigma^2 . \\]
 ///
-/// The map is rasterised as in [`forward_warp`](crate::forward_warp): results are at pixel centres (planes are exact) and
-/// none lies between two surfaces. Where the surface folds, a pixel may get several samples \\( j \\) near the front one
-/// ([`ReprojectConfig::front`]). They come from one map and are not independent, so they form a mixture and their
-/// precisions do not add:
+/// The map is rasterised as in [`forward_warp`](crate::forward_warp): results are at pixel centres (planes are exact) and none lies between
+/// two surfaces. Where the surface folds, a pixel may get several samples \\( j \\) near the front one ([`ReprojectConfig::front`]). They
+/// come from one map and are not independent, so they form a mixture and their precisions do not add:
 ///
 /// \\[ \mu' = \sum_j \omega_j \mu_j', \qquad \sigma'^2 = \sum_j \omega_j \left( \sigma_j'^2 + (\mu_j' - \mu')^2 \right),
 /// \qquad \omega_j \propto 1 / \sigma_j'^2 . \\]
@@ -69,9 +68,8 @@ impl ReprojectConfig {
 /// ```
 ///
 /// # Errors
-/// [`Error::Config`](crate::Error::Config), [`Error::Camera`](crate::Error::Camera) or
-/// [`Error::Pose`](crate::Error::Pose) for a value out of range, [`Error::Shape`](crate::Error::Shape) for a map that is not
-/// of `camera`'s size.
+/// [`Error::Config`](crate::Error::Config), [`Error::Camera`](crate::Error::Camera) or [`Error::Pose`](crate::Error::Pose) for a value out
+/// of range, [`Error::Shape`](crate::Error::Shape) for a map that is not of `camera`'s size.
 pub fn reproject(
     depth: &GaussianDepth,
     camera: &PinholeCamera,

@@ -21,8 +21,7 @@ pub struct ViewSampling {
     pub translation: f64,
     /// Largest rotation, degrees.
     pub rotation_degrees: f64,
-    /// Share of the poses that only rotate (and so carry no depth), rounded down; at most one half. Not part of a
-    /// configuration file.
+    /// Share of the poses that only rotate (and so carry no depth), rounded down; at most one half. Not part of a configuration file.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub rotation_only: f64,
 }

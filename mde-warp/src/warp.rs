@@ -55,12 +55,11 @@ pub struct WarpedView {
 
 /// Forward warp of an image and its depth into another camera (Section III.A).
 ///
-/// A source pixel \\( (u, v) \\) of depth \\( z \\) goes to \\( X' = z R d + t \\), \\( d \\) its ray with z = 1. The depth
-/// map is rasterised as a mesh of triangles, torn between surfaces ([`WarpConfig::tear`]). At each target pixel centre the
-/// nearest surface wins; its depth and source position are interpolated perspective-correctly, so planes stay exact
-/// planes. Colours are interpolated bilinearly among source pixels of one surface. Neither colour nor depth mixes two
-/// surfaces: they meet half-way between their outermost pixels. Back faces are not drawn. Source pixels that are missing,
-/// or not in front of their camera, produce nothing.
+/// A source pixel \\( (u, v) \\) of depth \\( z \\) goes to \\( X' = z R d + t \\), \\( d \\) its ray with z = 1. The depth map is
+/// rasterised as a mesh of triangles, torn between surfaces ([`WarpConfig::tear`]). At each target pixel centre the nearest surface wins;
+/// its depth and source position are interpolated perspective-correctly, so planes stay exact planes. Colours are interpolated bilinearly
+/// among source pixels of one surface. Neither colour nor depth mixes two surfaces: they meet half-way between their outermost pixels. Back
+/// faces are not drawn. Source pixels that are missing, or not in front of their camera, produce nothing.
 ///
 /// * `image`: `[height, width, 3]`; `depth`: `[height, width]`, z in `camera`, in the prior's unit.
 /// * The variance of the warped depth is \\( (e_z^\top R d)^2 \sigma^2(u, v) \\), with \\( \sigma^2 \\) interpolated among

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// The frame of the points and the surface.
-const FRAME: &str = "world of transforms.json, the frame of its first camera";
+const FRAME: &str = "world of transforms.json, the frame of its camera with most matches";
 /// The surface of all photographs.
 pub const MESHES: [&str; 2] = ["mesh.ply", "mesh.glb"];
 /// The points that two photographs confirm.
@@ -121,7 +121,7 @@ impl PhotographRow {
         let mut pose = prepared.pose(index)?;
         pose.translation.vector /= scale;
         let scene = prepared.scene();
-        let pose = match scene.photographs.get(scene.reference).and_then(|reference| reference.pose) {
+        let pose = match scene.photographs.get(prepared.reference()).and_then(|reference| reference.pose) {
             Some(world) if scale.to_bits() == 1.0_f64.to_bits() => pose * world,
             _ => pose,
         };

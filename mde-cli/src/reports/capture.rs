@@ -157,14 +157,9 @@ impl CaptureReport {
         ))
     }
 
-    pub(crate) fn new<'n>(names: impl Iterator<Item = &'n str>, reference: usize) -> Self {
-        let photograph = |(index, name): (usize, &str)| PhotographReport {
-            name: name.to_owned(),
-            used: index == reference,
-            verdict: if index == reference { REFERENCE } else { POSED }.to_owned(),
-            ..PhotographReport::default()
-        };
-        Self { photographs: names.enumerate().map(photograph).collect(), ..Self::default() }
+    pub(crate) fn new<'n>(names: impl Iterator<Item = &'n str>) -> Self {
+        let of = |name: &str| PhotographReport { name: name.to_owned(), ..PhotographReport::default() };
+        Self { photographs: names.map(of).collect(), ..Self::default() }
     }
 
     /// Number of photographs that were used, the reference included.
@@ -186,18 +181,19 @@ impl CaptureReport {
     }
 
     /// The report of predictions and poses with another photograph as the one that is refined.
-    pub(crate) fn of(&self, from: usize, reference: usize) -> Self {
+    pub(crate) fn of(&self, reference: usize) -> Self {
         let mut report = self.clone();
+        let same = self.photographs[reference].verdict == REFERENCE;
         for (index, photograph) in report.photographs.iter_mut().enumerate() {
             photograph.used = index == reference;
-        }
-        if from != reference {
-            report.photographs[from].verdict = POSED.to_owned();
-            report.photographs[reference].verdict = REFERENCE.to_owned();
-            for photograph in &mut report.photographs {
+            if !same {
                 (photograph.parallax, photograph.overlap, photograph.rotation_degrees) = (None, None, None);
             }
+            if photograph.verdict == REFERENCE {
+                POSED.clone_into(&mut photograph.verdict);
+            }
         }
+        REFERENCE.clone_into(&mut report.photographs[reference].verdict);
         report
     }
 

@@ -48,8 +48,7 @@ impl Photograph {
     /// Resizes it. One of `several` photographs has its results at the size of the refinement. Other sizes are reported to `warn`.
     ///
     /// # Errors
-    /// [`Error::Argument`] for a size that is too small, [`Error::Warp`] for a camera that can't be resized, and those of
-    /// [`Pixels::read`].
+    /// [`Error::Argument`] for a size that is too small, [`Error::Warp`] for a camera that can't be resized, and those of [`Pixels::read`].
     pub fn resized(mut self, sizes: &Sizes, several: bool, warn: &mut dyn FnMut(String)) -> Result<Self> {
         let size = sizes.of_results(self.original);
         let at = sizes.of_refinement(size);
@@ -102,8 +101,8 @@ impl Photograph {
 pub struct Scene {
     /// One, or several: all with a pose or all without.
     pub photographs: Vec<Photograph>,
-    /// Index of the photograph that is refined.
-    pub reference: usize,
+    /// Index of the photograph that is refined, whose frame is that of the poses. Without it each is: a photograph with a pose takes its place.
+    pub reference: Option<usize>,
     /// Points that the reference shows, such as COLMAP's, in the world of the poses. 16 or more give the scale between poses and prior,
     /// which the sweeps find otherwise. Not used without poses.
     pub points: Vec<Point3<f64>>,
@@ -121,14 +120,19 @@ impl Scene {
         Self { photographs: vec![photograph], ..Self::default() }
     }
 
-    /// Two or more photographs.
+    /// Two or more photographs, one of which is refined.
     ///
     /// # Errors
     /// [`Error::Capture`] with the photograph at fault and the remedy.
     pub fn several(photographs: Vec<Photograph>, reference: usize) -> Result<Self> {
-        let scene = Self { photographs, reference, ..Self::default() };
+        let scene = Self { photographs, reference: Some(reference), ..Self::default() };
         scene.validate()?;
         Ok(scene)
+    }
+
+    /// Index of the photograph that is refined; 0 where each is.
+    pub fn first(&self) -> usize {
+        self.reference.unwrap_or(0)
     }
 
     /// Whether there is more than one photograph.
@@ -145,8 +149,8 @@ impl Scene {
     pub(crate) fn validate(&self) -> Result<()> {
         let fault = |reason: String, remedy: &'static str| Err(Error::Capture { reason, remedy });
         let count = self.photographs.len();
-        if count < 2 || self.reference >= count {
-            let reason = format!("{count} photographs, reference {}", self.reference);
+        if count < 2 || self.first() >= count {
+            let reason = format!("{count} photographs, reference {}", self.first());
             return fault(reason, "give two or more, and a reference among them");
         }
         let posed = self.photographs.iter().filter(|photograph| photograph.pose.is_some()).count();
@@ -191,7 +195,7 @@ impl Scene {
             hasher.update(photograph.name.as_bytes());
             hasher.update(&[0, u8::from(photograph.camera.is_assumed())]);
         }
-        hasher.update(&self.reference.to_le_bytes());
+        hasher.update(&self.first().to_le_bytes());
         Ok(format!("{:08x}", hasher.finalize()))
     }
 }

@@ -68,21 +68,20 @@ pub(super) fn posed(
     let prepared = (0..priors.len()).into_par_iter().map(prepare);
     let (inputs, energies) = prepared.collect::<Result<(Vec<_>, Vec<_>)>>()?;
     let seed = derived_seed(config.seed, "poses", 0);
-    let reference = scene.reference;
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
-    let mut unit = 1.0;
-    let found = if let Some(given) = given {
-        let world = given[reference].inverse();
+    let mut depths = Vec::new();
+    let mut found = if let Some(given) = given {
+        let world = given[scene.first()].inverse();
         let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-        let refined = refine_poses(&inputs, &given, reference, seed, matched)?;
+        let refined = refine_poses(&inputs, &given, scene.reference, seed, matched)?;
         report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
         report.withheld_pixels = refined.withheld;
         let moved = refined.moved.iter().map(|&index| scene.photographs[index].name.clone());
         report.moved = moved.collect();
-        unit = unit_of(&refined.depths, priors[reference].as_ref());
+        depths = refined.depths;
         refined.photographs
     } else {
-        let estimated = estimate_poses(&inputs, reference, seed, matched)?;
+        let estimated = estimate_poses(&inputs, scene.reference, seed, matched)?;
         report.poses = PoseSource::Estimated;
         report.focal_factor = Some(estimated.focal_factor);
         report.focal_sigma = estimated.focal_sigma;
@@ -92,6 +91,9 @@ pub(super) fn posed(
     for (photograph, found) in report.photographs.iter_mut().zip(&found) {
         (photograph.verdict, photograph.matches) = (found.verdict.to_string(), Some(found.matches));
     }
+    let reference = found.iter().position(|found| found.verdict == Verdict::Reference);
+    let reference = reference.unwrap_or(scene.first());
+    report.photographs[reference].used = true;
     let verdict = &found[reference].verdict;
     if !verdict.has_pose() {
         // Nothing tells which of the others could be right.
@@ -107,6 +109,11 @@ pub(super) fn posed(
         report.fallback = Some(report.verdicts(reference));
         return Ok(None);
     }
+    let world = found[reference].pose.filter(|_| reference != scene.first());
+    if let Some(world) = world.map(|pose| pose.inverse()) {
+        found.iter_mut().filter_map(|one| one.pose.as_mut()).for_each(|pose| *pose *= world);
+    }
+    let unit = unit_of(&depths, priors[reference].as_ref());
     let flat = priors[reference].as_ref().and_then(|prior| {
         let first = *prior.first()?;
         prior.iter().all(|z| *z == first).then_some(f64::from(first) * unit)

@@ -80,7 +80,7 @@ impl<'s> PreparedScene<'s> {
         config.validate()?;
         scene.validate()?;
         let iterations = config.refinement.iterations.min(1);
-        let mut report = CaptureReport::new(scene.photographs.iter().map(|one| &*one.name), scene.reference);
+        let mut report = CaptureReport::new(scene.photographs.iter().map(|one| &*one.name));
         let start = begin(callback, Stage::Prior, 0, iterations)?;
         let priors = priors::predict(scene, stages, config, |done, total| {
             callback(&Event::Part { stage: Stage::Prior, done, total })
@@ -121,6 +121,11 @@ impl<'s> PreparedScene<'s> {
         &self.report
     }
 
+    /// Index of the photograph whose frame is that of the poses.
+    pub fn reference(&self) -> usize {
+        self.posed.as_ref().map_or(self.scene.first(), |posed| posed.order[0])
+    }
+
     /// The camera of a photograph, with the estimated focal length where that was assumed; none for an index that is none of them.
     pub fn camera(&self, photograph: usize) -> Option<PinholeCamera> {
         let own = || Some(self.scene.photographs.get(photograph)?.camera.camera);
@@ -156,7 +161,7 @@ impl<'s> PreparedScene<'s> {
             return Err(Error::Capture { reason, remedy: "give the index of one of them" });
         };
         let prior = prior.as_ref().ok_or(Error::EmptyPrior)?.to_owned();
-        let mut report = self.report.of(self.scene.reference, photograph);
+        let mut report = self.report.of(photograph);
         let config = self.config;
         let iterations = config.refinement.iterations.min(1);
         let place = match self.place(photograph) {
@@ -328,10 +333,12 @@ impl<'s> PreparedScene<'s> {
     }
 }
 
-/// The scale by the points that the capture's reference shows.
+/// The scale by the points that the first photograph shows, where it is the reference.
 fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<ArcArray2<f32>>]) -> Result<Option<Scale>> {
-    let reference = scene.reference;
-    let Some(pose) = scene.photographs[reference].pose else { return Ok(None) };
+    let first = scene.first();
+    let Some(pose) = scene.photographs[first].pose.filter(|_| posed.order[0] == first) else {
+        return Ok(None);
+    };
     // The posed views have the reference's frame for their world.
     let points: Vec<Point3<f64>> = scene.points.iter().map(|point| pose * point).collect();
     let prior = priors::in_unit_of_poses(posed, priors, 0);

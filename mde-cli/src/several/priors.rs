@@ -26,7 +26,7 @@ pub(super) fn predict(
     let prior = stages.prior;
     let count = scene.photographs.len();
     let every = prior.accepts_new_images();
-    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.reference).collect();
+    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.first()).collect();
     let (mut depths, mut done, mut fault) = (vec![None; count], 0, None);
     for part in wanted.chunks(RECENT) {
         let images = part.par_iter().map(|&index| scene.photographs[index].image.read());
@@ -43,7 +43,7 @@ pub(super) fn predict(
             });
             match checked {
                 Ok(depth) => depths[index] = Some(shared(depth, &depths[..index])),
-                Err(error) if index == scene.reference => {
+                Err(error) if index == scene.first() => {
                     fault = Some(error);
                     return ControlFlow::Break(());
                 }

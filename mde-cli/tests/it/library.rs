@@ -89,7 +89,7 @@ pub(crate) fn refine_several(
     config: &Config,
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
-    PreparedScene::new(scene, &stages, config, callback)?.refine(scene.reference, stages, callback)
+    PreparedScene::new(scene, &stages, config, callback)?.refine(scene.first(), stages, callback)
 }
 
 /// Goes on at every event.

@@ -15,8 +15,7 @@ pub fn flip_average(task: &Task<'_>) -> Result<Refined> {
     Ok(depth.into())
 }
 
-/// Runs the model on zoomed crops and merges their detail, after the double estimation of Miangoleh et al. (CVPR 2021), by
-/// filters alone.
+/// Runs the model on zoomed crops and merges their detail, after the double estimation of Miangoleh et al. (CVPR 2021), by filters alone.
 ///
 /// For each grid of \\(n \times n\\) crops that overlap by half, one grid after the other: the log depth of a crop is brought to
 /// the current map's by least squares (scale and shift), its low frequencies (a Gaussian of a sixth of the crop's width) are

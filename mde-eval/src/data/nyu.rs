@@ -10,8 +10,7 @@ const IMAGES: [&str; 3] = ["jpg", "jpeg", "png"];
 /// How folders of colour images are called.
 const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
 
-/// NYU Depth v2 (Silberman et al., ECCV 2012) as files at or below a folder: pairs of an image and a PNG in millimetres, 0 =
-/// missing.
+/// NYU Depth v2 (Silberman et al., ECCV 2012) as files at or below a folder: pairs of an image and a PNG in millimetres, 0 = missing.
 ///
 /// Two layouts are found: `rgb/00001.png` beside `depth/00001.png` (any file names whose first numbers agree), and
 /// `rgb_00045.jpg` with `sync_depth_00045.png` in one folder, as the training sets of BTS and its successors have it: a recording,

@@ -6,9 +6,8 @@ use mde_warp::PosedView;
 
 /// A data set at another size, such as the paper's 640 x 480.
 ///
-/// The image is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
-/// and the truth takes the nearest pixel's value: depths are never mixed and holes stay holes. Width and height scale
-/// each by their own factor.
+/// The image is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers, and the truth takes
+/// the nearest pixel's value: depths are never mixed and holes stay holes. Width and height scale each by their own factor.
 pub struct Resized {
     data: Box<dyn DataSet>,
     width: usize,

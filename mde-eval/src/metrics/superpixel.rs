@@ -17,9 +17,8 @@ const TIE_RATIO: f64 = 1.01;
 
 /// Pairs of neighbouring superpixels of a truth whose depths differ.
 ///
-/// Superpixels (SLIC) are those of the true disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask). A pair is that
-/// of the centres of two that touch and whose true depths differ by more than 10 %. Centres outside the mask or without depth are
-/// left out.
+/// Superpixels (SLIC) are those of the true disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask). A pair is that of
+/// the centres of two that touch and whose true depths differ by more than 10 %. Centres outside the mask or without depth are left out.
 #[derive(Debug, Clone)]
 pub struct SuperpixelPairs {
     /// Row and column of both centres, and the order of their true depths.

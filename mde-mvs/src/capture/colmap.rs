@@ -26,9 +26,8 @@ const OTHERS: [&str; 6] =
 /// width and height of a photograph, or `None` if it is missing. A model without points is read too.
 ///
 /// # Errors
-/// One line that names the file and the line or the byte: what is missing, cut short, not finite, of another size, a
-/// camera model that is not supported, a rotation that is none, fewer than two photographs, or all of them taken from
-/// one place.
+/// One line that names the file and the line or the byte: what is missing, cut short, not finite, of another size, a camera model that is
+/// not supported, a rotation that is none, fewer than two photographs, or all of them taken from one place.
 pub fn read_colmap(
     model: &Path,
     photographs: &Path,

@@ -96,8 +96,7 @@ impl PosedCapture {
         })
     }
 
-    /// Indices of the reference, then of the frames that [`nearest`] finds, in the order of the capture; at most `most`, and at least
-    /// two.
+    /// Indices of the reference, then of the frames that [`nearest`] finds, in the order of the capture; at most `most`, and at least two.
     #[must_use]
     pub fn nearest(&self, reference: usize, most: usize) -> Vec<usize> {
         if reference >= self.frames.len() {

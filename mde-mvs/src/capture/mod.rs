@@ -6,11 +6,10 @@
 //! | [`read_colmap`] | a COLMAP model, text or binary | world to camera | halves |
 //! | [`read_tum`] | `groundtruth.txt` and `rgb.txt` | camera to world | those of the given lens |
 //!
-//! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
-//! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
-//! photograph: a closure returns the width and height of each, or `None` for a missing one. [`CaptureFiles`] recognises the format.
-//! [`transforms_json`], [`colmap_text`] and [`colmap_map`] write these formats; [`colmap_view`] and [`colmap_workspace`] make COLMAP's files
-//! of depth maps.
+//! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and [`Frame::view`] makes a
+//! [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no photograph: a closure returns the width and
+//! height of each, or `None` for a missing one. [`CaptureFiles`] recognises the format. [`transforms_json`], [`colmap_text`] and
+//! [`colmap_map`] write these formats; [`colmap_view`] and [`colmap_workspace`] make COLMAP's files of depth maps.
 
 mod colmap;
 mod error;

@@ -4,7 +4,7 @@ use super::matching::match_features;
 use super::two_view::{Pair, relative_pose};
 use super::{
     FLAT_SIGMA, FOCAL_SIGMA, MIN_MATCHES, OUTLIER_PIXELS, Prepared, compared, neighbours, reference_first,
-    shared_error_factor, tracks,
+    shared_error_factor, tracks, with_first,
 };
 use crate::statistics::is_flat;
 use crate::{Callback, Result};
@@ -134,7 +134,8 @@ pub struct Estimated {
 
 /// Poses of photographs without any; the module's front page has the method.
 ///
-/// The result depends on the photographs, the order of those after the reference, and the seed, not on the number of threads. A
+/// Without a reference, the photograph with a prior and most agreeing matches in the largest group that is joined by motions takes its place. The
+/// result depends on the photographs, the order of those after the reference, and the seed, not on the number of threads. A
 /// photograph that does not fit has no pose and a [`Verdict`] with the reason; with none that fits, the reference alone has one. The
 /// callback counts the pairs of photographs as they are compared.
 ///
@@ -143,21 +144,38 @@ pub struct Estimated {
 /// [`Interrupted`](crate::Error::Interrupted).
 pub fn estimate_poses(
     photographs: &[Prepared],
-    reference: usize,
+    reference: Option<usize>,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Estimated> {
-    let shots = reference_first(photographs, reference)?;
-    let has_prior = photographs[reference].prior.is_some();
+    let mut shots = reference_first(photographs, reference)?;
+    let able = &shots[..reference.map_or(shots.len(), |_| 1)];
+    let has_prior = able.iter().any(|shot| shot.prior.is_some());
     OutOfRange::check(has_prior, "prior of the reference", &"missing", "give its depth")?;
     let features: Vec<&Features> = shots.iter().map(|shot| &shot.features).collect();
     let compare = |[i, j]: [usize; 2]| {
         relative_pose([shots[i], shots[j]], [i, j], &match_features(features[i], features[j]), seed)
     };
     let pairs = compared(&neighbours::likely(&features), compare, callback)?;
-    let mut found = adjusted(&shots, &pairs);
-    found.photographs[..=reference].rotate_left(1);
+    let chosen = reference.map_or_else(|| central(&shots, &pairs), |_| 0);
+    shots[..=chosen].rotate_right(1);
+    let mut found = adjusted(&shots, &with_first(pairs, chosen));
+    found.photographs[..=reference.unwrap_or(chosen)].rotate_left(1);
     Ok(found)
+}
+
+/// The photograph with a prior and most agreeing matches in the largest group that is joined by motions.
+fn central(shots: &[&Prepared], pairs: &[Pair]) -> usize {
+    let mut group: Vec<usize> = (0..shots.len()).collect();
+    let mut matches = vec![0; shots.len()];
+    for pair in pairs.iter().filter(|pair| pair.motion.is_some()) {
+        let [into, from] = [group[pair.first], group[pair.second]];
+        group.iter_mut().filter(|of| **of == from).for_each(|of| *of = into);
+        [pair.first, pair.second].into_iter().for_each(|index| matches[index] += pair.agreeing.len());
+    }
+    let size = |index: usize| group.iter().filter(|of| **of == group[index]).count();
+    let with_prior = (0..shots.len()).rev().filter(|&index| shots[index].prior.is_some());
+    with_prior.max_by_key(|&index| (size(index), matches[index])).unwrap_or(0)
 }
 
 /// Poses of photographs, the reference first, by their pairs.

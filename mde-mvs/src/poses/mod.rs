@@ -146,15 +146,21 @@ impl Prepared {
     }
 }
 
-/// The reference, then the others in the order given.
-fn reference_first(photographs: &[Prepared], reference: usize) -> Result<Vec<&Prepared>> {
-    let count = photographs.len();
+/// The reference, or without one the first, then the others in the order given.
+fn reference_first(photographs: &[Prepared], reference: Option<usize>) -> Result<Vec<&Prepared>> {
+    let (count, reference) = (photographs.len(), reference.unwrap_or(0));
     OutOfRange::check(count >= 2, "number of photographs", &count, "give at least 2")?;
     let remedy = "give the index of one of the photographs";
     OutOfRange::check(reference < count, "reference", &reference, remedy)?;
     let mut sorted: Vec<_> = photographs.iter().collect();
     sorted[..=reference].rotate_right(1);
     Ok(sorted)
+}
+
+/// The pairs after the photograph at `chosen` became the first.
+fn with_first(pairs: Vec<Pair>, chosen: usize) -> Vec<Pair> {
+    let place = |index: usize| if index > chosen { index } else { (index + 1) % (chosen + 1) };
+    pairs.into_iter().map(|pair| pair.between(place)).collect()
 }
 
 /// What those pairs of photographs have in common, some at once; the callback counts them.

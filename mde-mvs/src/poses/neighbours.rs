@@ -9,8 +9,7 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Ranks, by distance, of the photographs that one is compared with: the nearest for their matches, some of the further for their
-/// baseline.
+/// Ranks, by distance, of the photographs that one is compared with: the nearest for their matches, some of the further for their baseline.
 const RANKS: [usize; 6] = [0, 1, 2, 4, 7, 12];
 /// Photographs up to this number are all compared with each other.
 pub(super) const FEW: usize = 12;

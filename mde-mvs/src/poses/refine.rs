@@ -4,7 +4,7 @@ use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
     MIN_MATCHES, OUTLIER_PIXELS, Prepared, REGIONS, centre, compared, neighbours, reference_first,
-    shared_error_factor, tracks,
+    shared_error_factor, tracks, with_first,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::OutOfRange;
@@ -60,7 +60,8 @@ pub struct Refined {
 }
 
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
-/// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
+/// depths from the matches alone, the given poses as a prior, and the reference's pose kept. Without a reference it is the first photograph
+/// that is not left out.
 ///
 /// Neighbours are matched: all with all up to 12 photographs, of more each with 6 that are near it and look the same way, by half as
 /// many features. A photograph of whose matches less than a quarter fits its pose, or that has features but no matches, is left out
@@ -80,11 +81,11 @@ pub struct Refined {
 pub fn refine_poses(
     photographs: &[Prepared],
     poses: &[Pose],
-    reference: usize,
+    reference: Option<usize>,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Refined> {
-    let shots = reference_first(photographs, reference)?;
+    let mut shots = reference_first(photographs, reference)?;
     let as_many = poses.len() == photographs.len();
     OutOfRange::check(as_many, "number of poses", &poses.len(), "give one for each photograph")?;
     let mut numbers = poses.iter().flat_map(|p| p.translation.vector.iter().chain(p.rotation.coords.iter()));
@@ -92,17 +93,26 @@ pub fn refine_poses(
         return Err(Error::View(mde_warp::Error::Pose { which: "given" }));
     }
     let mut given = poses.to_vec();
-    given[..=reference].rotate_right(1);
+    given[..=reference.unwrap_or(0)].rotate_right(1);
     let compare = |[i, j]: [usize; 2]| {
         let found = match_features(&shots[i].features, &shots[j].features);
         verified_matches([shots[i], shots[j]], [i, j], &found, seed)
     };
     let pairs = compared(&neighbours::pairs(&given), compare, callback)?;
 
-    let mut verdicts = vec![Verdict::Posed; given.len()];
-    verdicts[0] = Verdict::Reference;
+    let verdicts = vec![Verdict::Posed; given.len()];
     let mut capture = Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts };
     while capture.leave_out(&given, GIVEN_PIXELS) {}
+    let Capture { mut verdicts, .. } = capture;
+    let first = verdicts.iter().position(Verdict::has_pose).filter(|_| reference.is_none()).unwrap_or(0);
+    shots[..=first].rotate_right(1);
+    given[..=first].rotate_right(1);
+    verdicts[..=first].rotate_right(1);
+    if verdicts[0].has_pose() {
+        verdicts[0] = Verdict::Reference;
+    }
+    let pairs = with_first(pairs, first);
+    let mut capture = Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts };
     let mut adjusted = capture.adjusted(seed);
     while capture.leave_out(&adjusted.bundle.cameras.poses, OUTLIER_PIXELS) {
         adjusted = capture.adjusted(seed);
@@ -119,7 +129,7 @@ pub fn refine_poses(
         depth: depths[v],
     };
     let mut photographs: Vec<EstimatedPose> = (0..shots.len()).map(of_photograph).collect();
-    photographs[..=reference].rotate_left(1);
+    photographs[..=reference.unwrap_or(first)].rotate_left(1);
     let found = photographs.iter().map(|one| one.pose.filter(|_| accepted));
     let (moved, depths) = (moved(poses, &found.collect::<Vec<_>>()), bundle.reference_depths());
     Ok(Refined { photographs, accepted, withheld, moved, depths })

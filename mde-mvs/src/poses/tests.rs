@@ -67,11 +67,11 @@ fn prepared(photographs: &[PoseInput], has_poses: bool) -> Result<Vec<Prepared>>
 }
 
 fn estimate(photographs: &[PoseInput], reference: usize) -> Estimated {
-    estimate_poses(&prepared(photographs, false).unwrap(), reference, 0, &mut silent).unwrap()
+    estimate_poses(&prepared(photographs, false).unwrap(), Some(reference), 0, &mut silent).unwrap()
 }
 
 fn refine(photographs: &[PoseInput], poses: &[Pose], reference: usize) -> Refined {
-    refine_poses(&prepared(photographs, true).unwrap(), poses, reference, 0, &mut silent).unwrap()
+    refine_poses(&prepared(photographs, true).unwrap(), poses, Some(reference), 0, &mut silent).unwrap()
 }
 
 fn poses(refined: &Refined) -> Vec<Pose> {
@@ -235,6 +235,13 @@ fn what_does_not_fit_is_named() {
     for (i, of) in [(2, "no parallax"), (3, "another place"), (4, "sharper")] {
         assert!(verdict(i).to_string().contains(of), "{}", verdict(i));
     }
+    // Without a reference the blank one can be the first.
+    let mut turned = photographs(&scene);
+    turned.rotate_right(1);
+    let found = estimate_poses(&prepared(&turned, false).unwrap(), None, 0, &mut silent).unwrap().photographs;
+    let [first, second] = [1, 2].map(|i| found[i].pose.unwrap());
+    assert!(found[0].verdict == Verdict::TooFewFeatures(0), "{}", found[0].verdict);
+    assert!(rotation_error(&(second * first.inverse()), &poses[1]) < 0.15);
 }
 
 /// A photograph that shares nothing with the reference is attached through one between them, whose prior has another scale.
@@ -359,6 +366,15 @@ fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
     let mut exchanged = poses.clone();
     exchanged.swap(2, 5);
     assert_eq!(left_out(&given, &exchanged), [2, 5]);
+    // Without a reference the first photograph is like any other.
+    let mut first = poses.clone();
+    first[0] = Pose::translation(10.0, 0.0, 0.0) * first[0];
+    let prepared = prepared(&given, true).unwrap();
+    let found = refine_poses(&prepared, &first, None, 0, &mut silent).unwrap().photographs;
+    assert!(!found[0].verdict.has_pose() && found[1].verdict == Verdict::Reference);
+    assert!(
+        found[1..].iter().zip(&poses[1..]).all(|(one, pose)| rotation_error(&one.pose.unwrap(), pose) < 0.1)
+    );
     let mut line = [0.0, 0.2, -0.2, 0.4, -0.4].map(|x| pose_at([x, 0.0, 0.0], [0.0; 3]));
     let along = scene(&line);
     let given = photographs(&along);
@@ -372,7 +388,7 @@ fn what_cannot_be_estimated_is_refused() {
     let given = photographs(standard());
     let text = |photographs: &[PoseInput], reference| {
         let found = prepared(photographs, false);
-        found.and_then(|all| estimate_poses(&all, reference, 0, &mut silent)).unwrap_err().to_string()
+        found.and_then(|all| estimate_poses(&all, Some(reference), 0, &mut silent)).unwrap_err().to_string()
     };
     assert!(text(&given[..1], 0).contains("number of photographs"));
     assert!(text(&given, 4).contains("reference"));
@@ -382,7 +398,7 @@ fn what_cannot_be_estimated_is_refused() {
     assert!(text(&[PoseInput { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
 
     let given = prepared(&given, true).unwrap();
-    let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, 0, &mut silent);
+    let refine = |poses: &[Pose]| refine_poses(&given, poses, None, 0, &mut silent);
     assert!(refine(&held()[..2]).unwrap_err().to_string().contains("number of poses"));
     let mut poses = held();
     poses[1].translation.vector.x = f64::NAN;

@@ -84,8 +84,7 @@ pub(crate) fn aggregate(volume: &Volume, luma: &[f32], width: usize, penalties: 
     sums
 }
 
-/// Both horizontal directions of one row. Structs and not closures, so that all of it is compiled for the processor's
-/// vectors.
+/// Both horizontal directions of one row. Structs and not closures, so that all of it is compiled for the processor's vectors.
 struct AlongRow<'a> {
     costs: &'a [u8],
     luma: &'a [f32],

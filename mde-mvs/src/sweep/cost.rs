@@ -1,5 +1,4 @@
-//! Matching costs of every pixel on every surface: zero-mean normalised cross-correlation over a box, best half of the
-//! sources.
+//! Matching costs of every pixel on every surface: zero-mean normalised cross-correlation over a box, best half of the sources.
 
 use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
@@ -198,8 +197,7 @@ fn fill_unseen(costs: &mut [u8]) -> bool {
     number > 0
 }
 
-/// Costs of the rows of a block from `top` on. A struct and not a closure, so that all of it is compiled for the
-/// processor's vectors.
+/// Costs of the rows of a block from `top` on. A struct and not a closure, so that all of it is compiled for the processor's vectors.
 struct FillBlock<'a> {
     setup: &'a Setup<'a>,
     reference: &'a Reference,
@@ -289,8 +287,7 @@ fn correlate(surface: &Surface<'_>, scratch: &mut Scratch, source: usize, top: u
     }
 }
 
-/// Where the pixels of row `y` at `multiple` times their inverse depths land: index of the upper left neighbour, and
-/// fractions.
+/// Where the pixels of row `y` at `multiple` times their inverse depths land: index of the upper left neighbour, and fractions.
 #[inline(always)]
 fn places(
     source: &Source,

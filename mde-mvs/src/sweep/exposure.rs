@@ -95,8 +95,7 @@ pub(super) fn carried(
     })
 }
 
-/// Fits the exposure that takes the first colour of each pair to the second. With fewer than 64 pairs the
-/// result is the identity.
+/// Fits the exposure that takes the first colour of each pair to the second. With fewer than 64 pairs the result is the identity.
 pub fn fit_pairs(pairs: &[([f32; 3], [f32; 3])]) -> Exposure {
     let mut exposure = Exposure::default();
     for c in 0..3 {

@@ -107,9 +107,8 @@ pub struct Sweep {
 /// The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Reference`] for an index outside the views, [`Error::TooFewViews`] without sources, [`Error::Config`] for a
-/// range of depths out of order, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of another
-/// size.
+/// [`Error::Reference`] for an index outside the views, [`Error::TooFewViews`] without sources, [`Error::Config`] for a range of depths out
+/// of order, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of another size.
 pub fn sweep(
     views: &[PosedView],
     reference: usize,

@@ -2,8 +2,7 @@
 //!
 //! [`withheld_error`] carries the colours of the withheld photograph into the reference through a depth map, once through the
 //! reconstruction of the other photographs and once through the scaled prior; [`unused_error`] does so where a further photograph is left.
-//! Wrong poses, a moved scene or a failed match show
-//! there: the photograph then fits the reconstruction worse than the prior.
+//! Wrong poses, a moved scene or a failed match show there: the photograph then fits the reconstruction worse than the prior.
 
 use mde_uncertainty::statistics::median;
 use mde_warp::PosedView;

@@ -138,8 +138,7 @@ impl AugmentationConfig {
         Ok(())
     }
 
-    /// Runs `model` on `image` (`[height, width, 3]`, sRGB in 0 to 1) and on its crops and mirror images, and merges the
-    /// predictions.
+    /// Runs `model` on `image` (`[height, width, 3]`, sRGB in 0 to 1) and on its crops and mirror images, and merges the predictions.
     ///
     /// # Errors
     /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.

@@ -18,8 +18,7 @@ pub(super) fn window(n: usize, input: Option<usize>) -> f64 {
     input.map_or(usual, |input| usual.max(LEAST / input.max(1) as f64)).min(1.0)
 }
 
-/// The change of the map by the prediction of a crop, \\(a L + b - c\\), all `[height, width]`; see the equations in
-/// [`augment`](super).
+/// The change of the map by the prediction of a crop, \\(a L + b - c\\), all `[height, width]`; see the equations in [`augment`](super).
 pub(super) fn change(
     prediction: ArrayView2<'_, f32>,
     map: ArrayView2<'_, f32>,

@@ -144,8 +144,7 @@ fn two_predictions_that_differ_have_a_spread() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Whatever the picture and its size, depths stay positive and finite, and a model in another unit gives the same map in
-    /// that unit.
+    /// Whatever the picture and its size, depths stay positive and finite, and a model in another unit gives the same map in that unit.
     #[test]
     fn any_picture_gives_depths_and_the_unit_does_not_matter(height in 1..30_usize, width in 1..30_usize, seed: u32, unit in 0.01..100.0_f32) {
         let noise = |y: usize, x: usize, c: usize| {

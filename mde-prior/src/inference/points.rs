@@ -36,10 +36,9 @@ impl Points {
         Ok(points.index_axis(Axis(2), index).to_owned())
     }
 
-    /// The shift `t` of depth for which the rays of a camera with its principal point in the middle go through the points, and the
-    /// focal length `f` in pixels: with `u` the pixel's place, they minimise the sum of `|f x / (z + t) - u|^2`, `f` being closed-form
-    /// (MoGe, Wang et al., 2025). A golden-section search over the logarithm of `t` less its least value.
-    /// Nothing where too few points are valid.
+    /// The shift `t` of depth for which the rays of a camera with its principal point in the middle go through the points, and the focal
+    /// length `f` in pixels: with `u` the pixel's place, they minimise the sum of `|f x / (z + t) - u|^2`, `f` being closed-form (MoGe,
+    /// Wang et al., 2025). A golden-section search over the logarithm of `t` less its least value. Nothing where too few points are valid.
     pub(super) fn camera(&self, mask: Option<&Array2<bool>>) -> Option<(f32, f64)> {
         let Self(points) = self;
         let (height, width, _) = points.dim();

@@ -8,9 +8,8 @@ use crate::{Error, Result};
 
 /// The rule that turns disparity of unknown scale and shift into positive depth.
 ///
-/// A model of the MiDaS family gives `d` with \\( 1/z = a d + b \\) for unknown `a > 0` and `b`: `1/d` is no depth, not
-/// even up to scale, and `d` may be negative. The rule states the depth range instead: with `q` the quantiles of the
-/// map's valid values,
+/// A model of the MiDaS family gives `d` with \\( 1/z = a d + b \\) for unknown `a > 0` and `b`: `1/d` is no depth, not even up to scale,
+/// and `d` may be negative. The rule states the depth range instead: with `q` the quantiles of the map's valid values,
 ///
 /// \\[ \hat d = \mathrm{clip}\Bigl(\frac{d - q_{lo}}{q_{hi} - q_{lo}}, 0, 1\Bigr), \qquad
 ///    \frac1z = A \hat d + B, \quad A = \frac1{z_{near}} - \frac1{z_{far}}, \quad B = \frac1{z_{far}}. \\]
@@ -70,12 +69,10 @@ impl DisparityRule {
         Ok(())
     }
 
-    /// Depth `[height, width]` in `[near, far]` of an affine disparity map; 0 where `valid` is false or the value is
-    /// not finite.
+    /// Depth `[height, width]` in `[near, far]` of an affine disparity map; 0 where `valid` is false or the value is not finite.
     ///
     /// # Errors
-    /// [`Error::Config`] as in [`validate`](Self::validate); [`Error::Input`] when the shapes differ or no pixel is
-    /// valid.
+    /// [`Error::Config`] as in [`validate`](Self::validate); [`Error::Input`] when the shapes differ or no pixel is valid.
     pub fn depth(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<Array2<f32>> {
         self.depth_between(disparity, valid, self.ends(disparity, valid)?)
     }

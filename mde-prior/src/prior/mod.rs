@@ -178,8 +178,7 @@ impl PriorDepth {
         Ok(Self { map, valid, kind, intrinsics: None, certainty: None })
     }
 
-    /// Positive depth, `[height, width]`, 0 = missing: depths unchanged (metres, or the model's unit), disparity
-    /// through `rule`.
+    /// Positive depth, `[height, width]`, 0 = missing: depths unchanged (metres, or the model's unit), disparity through `rule`.
     ///
     /// # Errors
     /// Those of [`DisparityRule::depth`].

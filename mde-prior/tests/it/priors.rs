@@ -175,8 +175,7 @@ fn missing_stays_missing_and_garbage_is_missing() {
 
 #[test]
 fn bicubic_is_opencv_and_antialias_is_pillow() {
-    // Values from tests/reference/resample.py.
-    // cv2.resize(np.float32([[0, 0, 1, 0]]), (8, 1), interpolation=cv2.INTER_CUBIC)
+    // Values from tests/reference/resample.py. cv2.resize(np.float32([[0, 0, 1, 0]]), (8, 1), interpolation=cv2.INTER_CUBIC)
     let wide = resize(array![[0.0_f32, 0.0, 1.0, 0.0]].view(), (1, 8), Filter::Bicubic);
     let expected = [0.0, -9.0, -27.0, 67.0, 225.0, 225.0, 67.0, -27.0].map(|v| v / 256.0);
     for (a, b) in wide.iter().zip(expected) {

@@ -80,12 +80,13 @@ fn parts_of(pose: &Pose) -> [f64; 7] {
 fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_>) -> Result<Made> {
     let start = Instant::now();
     let input = inputs.input.clone();
-    let (scene, plan) = inputs.scene(refiner, &mut watch)?;
+    let (mut scene, plan) = inputs.scene(refiner, &mut watch)?;
+    scene.reference = scene.reference.filter(|_| !every);
     let mut prepared = refiner.prepare(&scene, &plan, &mut watch)?;
     if every {
         return run_every(refiner, &scene, &mut prepared, &input, watch, start);
     }
-    let refined = prepared.once().refine(scene.reference, None, &mut watch)?;
+    let refined = prepared.once().refine(scene.first(), None, &mut watch)?;
     let outcome = Outcome::new(refiner, refined, input, &watch, start)?;
     Ok((vec![(outcome, None)], None))
 }

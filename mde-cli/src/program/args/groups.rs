@@ -187,7 +187,8 @@ impl RunArgs {
         self.output.clone().unwrap_or_else(|| {
             // A folder such as `.` has a name in its full path only.
             let full = std::path::absolute(input).ok();
-            let mut name = full.as_deref().and_then(Path::file_stem).unwrap_or("mde".as_ref()).to_owned();
+            let own = if input.is_dir() { Path::file_name } else { Path::file_stem };
+            let mut name = full.as_deref().and_then(own).unwrap_or("mde".as_ref()).to_owned();
             name.push(ending);
             name.into()
         })

@@ -36,7 +36,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     // Names are checked before the work.
     paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;
     let mut opener = Opener { refiner: &refiner, camera: &args.camera, progress: &mut progress };
-    let (scene, plan, paths) = opener.unposed("PHOTO", None, paths)?;
+    let (mut scene, plan, paths) = opener.unposed("PHOTO", None, paths)?;
+    scene.reference = None;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();
@@ -57,7 +58,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let unread = unread.map_or_else(String::new, |count| format!(", {count} can't be read"));
     let count = format!("{} of {} photographs have a pose{unread}", frames.len(), scene.photographs.len());
     // At the size of the file, as in the transforms.json.
-    let original = scene.photographs[scene.reference].original;
+    let original = scene.photographs[scene.first()].original;
     let camera = flags(&prepared.camera().resized(original)?.title());
     let text = format!("camera: {camera}\n{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
     let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor, "focal_sigma": report.focal_sigma,

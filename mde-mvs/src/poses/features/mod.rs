@@ -1,9 +1,8 @@
 //! Points of a photograph that can be found again: the scale-invariant feature transform (Lowe, 2004).
 //!
-//! Extrema of differences of Gaussians over space and scale, refined by a quadratic; the dominant directions of the gradient
-//! about each; a histogram of gradients on 4 x 4 cells of 8 directions, as RootSIFT (Arandjelovic and Zisserman, 2012). The
-//! constants are OpenCV's, whose keypoints and descriptors a test compares. The descriptor does not change under a gain or an
-//! offset of the photograph.
+//! Extrema of differences of Gaussians over space and scale, refined by a quadratic; the dominant directions of the gradient about each; a
+//! histogram of gradients on 4 x 4 cells of 8 directions, as RootSIFT (Arandjelovic and Zisserman, 2012). The constants are OpenCV's, whose
+//! keypoints and descriptors a test compares. The descriptor does not change under a gain or an offset of the photograph.
 
 mod descriptor;
 mod extrema;

@@ -37,6 +37,19 @@ pub(super) struct Pair {
     pub(super) motion: Option<Motion>,
 }
 
+impl Pair {
+    /// The same with the photographs at other places.
+    pub(super) fn between(self, place: impl Fn(usize) -> usize) -> Self {
+        let (first, second) = (place(self.first), place(self.second));
+        if first < second {
+            return Self { first, second, ..self };
+        }
+        let agreeing = self.agreeing.into_iter().map(|[a, b]| [b, a]).collect();
+        let (matrix, motion) = (self.matrix.map(|f| f.transpose()), self.motion.map(Motion::reversed));
+        Self { first: second, second: first, agreeing, matrix, motion, ..self }
+    }
+}
+
 /// The second photograph's pose in the first one's frame, in some unit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {

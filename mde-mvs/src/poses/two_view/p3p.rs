@@ -9,8 +9,7 @@ const MISSED: f64 = 3e-4;
 /// Denominator of u below which two poses have nearly the same v, and u is of rounding alone.
 const SHARED: f64 = 1e-4;
 
-/// Poses (world to camera) that put three points on three rays: at most four (Grunert, 1841; in the form of Haralick et al.,
-/// 1994).
+/// Poses (world to camera) that put three points on three rays: at most four (Grunert, 1841; in the form of Haralick et al., 1994).
 ///
 /// With \\( s_i \\) the distances along the unit rays, \\( s_2 = u s_1 \\) and \\( s_3 = v s_1 \\), the three cosine laws
 /// leave a quartic in \\( v \\).

@@ -30,8 +30,7 @@ pub(super) fn real_roots<const N: usize>(a: [f64; N]) -> Vec<f64> {
         .collect()
 }
 
-/// All roots by Durand and Kerner's simultaneous iteration, which no start of distinct points makes fail but for a set of
-/// measure zero.
+/// All roots by Durand and Kerner's simultaneous iteration, which no start of distinct points makes fail but for a set of measure zero.
 fn complex_roots(a: &[f64]) -> Vec<Complex<f64>> {
     let largest = a.iter().fold(0.0, |m: f64, c| m.max(c.abs()));
     let degree = a.iter().rposition(|c| c.abs() > 1e-14 * largest);
