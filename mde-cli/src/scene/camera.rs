@@ -8,8 +8,14 @@ use mde_warp::PinholeCamera;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Assumed horizontal field of view, degrees: between a phone's main camera (65 to 75) and a longer lens.
+/// Assumed field of view along the longer side, degrees: between a phone's main camera (65 to 75) and a longer lens.
 const ASSUMED_FOV: f64 = 60.0;
+
+/// The horizontal one of a photograph; a lens has the same focal length however it is held.
+fn assumed_fov(width: usize, height: usize) -> f64 {
+    let half = (width as f64 / height as f64 * (0.5 * ASSUMED_FOV).to_radians().tan()).atan();
+    if width < height { 2.0 * half.to_degrees() } else { ASSUMED_FOV }
+}
 
 /// What is given of a camera, for the size of the photograph's file.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,7 +106,8 @@ impl KnownCamera {
                 (PinholeCamera::from_focal_35mm(mm, width, height)?, CameraSource::Exif(mm))
             }
             (GivenCamera::Nothing, None) => {
-                (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
+                let fov = assumed_fov(width, height);
+                (PinholeCamera::from_fov(fov, width, height)?, CameraSource::Assumed(fov))
             }
         };
         Ok(Self { camera, source })
@@ -159,7 +166,7 @@ impl KnownCamera {
     pub fn warning(&self) -> Option<String> {
         let CameraSource::Assumed(degrees) = self.source else { return None };
         Some(format!(
-            "the camera is unknown: a horizontal field of view of {degrees} degrees is assumed, which affects the point cloud \
+            "the camera is unknown: a horizontal field of view of {degrees:.0} degrees is assumed, which affects the point cloud \
              but not the depth, unless a field is fitted; give {{fov}} or {{intrinsics}}"
         ))
     }

@@ -193,7 +193,7 @@ class Refiner:
             Depth = value / ``png_scale`` for a file; by default the scale in the metadata of a PNG, else 1000 for 16 bits and 1 for floats.
         intrinsics : ndarray, dict or path, optional
             The camera of the photograph as given, pixels: a matrix ``[3, 3]``, ``fx``, ``fy``, ``cx``, ``cy`` by name, or a file with either. By
-            default from EXIF, else a horizontal field of view of 60 degrees.
+            default from EXIF, else a field of view of 60 degrees along the longer side.
         fov : float, optional
             Instead of intrinsics, the horizontal field of view, degrees.
         views : sequence of images, or path, optional
