@@ -19,7 +19,7 @@ pub(super) const STEPS: usize = 60;
 /// Adjustments after each of which outliers are dropped and the priors measured.
 const ROUNDS: usize = 3;
 
-/// Another start leads to a better solution if the squared misses sum to less than this share.
+/// Another start leads to a better solution if the misses sum to less than this share.
 const WORTHWHILE: f64 = 0.99;
 
 /// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 448 photographs two had more, 4.7 and 5.3, and were
@@ -200,7 +200,7 @@ pub(super) fn adjusted(shots: &[&Prepared], pairs: &[Pair]) -> Estimated {
         if is_flat(start.tracks.iter().filter_map(|track| track.prior)) {
             let all =
                 |bundle: &Bundle| Bundle { cameras: bundle.cameras.clone(), tracks: start.tracks.clone() };
-            let missed = |bundle: &Bundle| all(bundle).misses().iter().map(|miss| miss * miss).sum::<f64>();
+            let missed = |bundle: &Bundle| all(bundle).misses().iter().sum::<f64>();
             let others: [&dyn Fn(&Bundle) -> Bundle; 2] =
                 [&Bundle::reversed, &|bundle| bundle.regrown(&tree.rank, &tree.from)];
             for other in others {
