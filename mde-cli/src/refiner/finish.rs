@@ -138,7 +138,7 @@ impl<'s> Prepared<'s> {
         }
         if let Some(moved) = report.map(|report| report.moved.join(", ")).filter(|moved| !moved.is_empty()) {
             warn(format!(
-                "{moved}: the matches contradict the given poses; theirs are used, and the unit may be off: check that the poses belong to the photographs"
+                "{moved}: the matches contradict the given poses; theirs are used, and the unit may be off: check that the poses belong to the photographs and have the axes of their format"
             ));
         }
         report.filter(|_| used).and_then(CaptureReport::lens_warning).into_iter().for_each(&mut *warn);

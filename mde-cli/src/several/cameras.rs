@@ -97,7 +97,12 @@ pub(super) fn posed(
     let verdict = &found[reference].verdict;
     if !verdict.has_pose() {
         // Nothing tells which of the others could be right.
-        report.fallback = Some(format!("{}: {verdict}", report.photographs[reference].name));
+        let own = format!("{}: {verdict}", report.photographs[reference].name);
+        let (count, without) = (found.len(), found.iter().filter(|one| !one.verdict.has_pose()).count());
+        let most = format!(
+            "{without} of {count} photographs do not fit their poses ({own}); check that these are camera to world, with the axes of their format"
+        );
+        report.fallback = Some(if 2 * without > count { most } else { own });
         return Ok(None);
     }
     let useful = |found: &EstimatedPose| match report.poses {

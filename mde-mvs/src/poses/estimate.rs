@@ -59,7 +59,9 @@ pub enum Verdict {
     #[error("{0} matches agree, {MIN_MATCHES} are needed; take it from nearer to the others")]
     TooFewMatches(usize),
     /// No more matches agree than those of unrelated photographs.
-    #[error("another place: {agreeing} of {matches} matches agree, no more than by chance")]
+    #[error(
+        "another place: {agreeing} of {matches} matches agree, no more than by chance; take photographs between, or refine it apart"
+    )]
     AnotherPlace {
         /// Matches of the best pair, right or wrong.
         matches: usize,
