@@ -189,9 +189,7 @@ impl CaptureReport {
             if !same {
                 (photograph.parallax, photograph.overlap, photograph.rotation_degrees) = (None, None, None);
             }
-            if photograph.verdict == REFERENCE {
-                POSED.clone_into(&mut photograph.verdict);
-            }
+            photograph.verdict = photograph.verdict.replace(REFERENCE, POSED);
         }
         REFERENCE.clone_into(&mut report.photographs[reference].verdict);
         report

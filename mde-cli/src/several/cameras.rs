@@ -114,10 +114,9 @@ pub(super) fn posed(
         report.fallback = Some(report.verdicts(reference));
         return Ok(None);
     }
-    let world = found[reference].pose.filter(|_| reference != scene.first());
-    if let Some(world) = world.map(|pose| pose.inverse()) {
-        found.iter_mut().filter_map(|one| one.pose.as_mut()).for_each(|pose| *pose *= world);
-    }
+    let world = found[reference].pose.filter(|_| reference != scene.first()).map(|pose| pose.inverse());
+    let moved = found.iter_mut().filter_map(|one| one.pose.as_mut().zip(world));
+    moved.for_each(|(pose, world)| *pose *= world);
     let unit = unit_of(&depths, priors[reference].as_ref());
     let flat = priors[reference].as_ref().and_then(|prior| {
         let first = *prior.first()?;

@@ -11,9 +11,8 @@ const RATIOS: usize = 10;
 
 /// Boundary F1 of Depth Pro (Bochkovskii et al., 2024; `SI_boundary_F1`), with a mask.
 ///
-/// On inverse depth \\(c = 1 / \max(d, 10^{-6})\\), a pixel and its neighbour in one of four directions make a boundary
-/// where \\(c_i / c_j > t\\). Precision and recall are means over the four directions of hits over predicted (true)
-/// boundaries, and
+/// On inverse depth \\(c = 1 / \max(d, 10^{-6})\\), a pixel and its neighbour in one of four directions make a boundary where
+/// \\(c_i / c_j > t\\). Precision and recall are means over the four directions of hits over predicted (true) boundaries, and
 ///
 /// \\[ F = \sum_k w_k \frac{2 P_k R_k}{P_k + R_k},\qquad w_k = \frac{t_k}{\sum_l t_l},\qquad
 ///     t_k = 1.05 + 0.2\\,\tfrac{k-1}{9} \\]

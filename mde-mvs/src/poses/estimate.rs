@@ -4,7 +4,7 @@ use super::matching::match_features;
 use super::two_view::{Pair, relative_pose};
 use super::{
     FLAT_SIGMA, FOCAL_SIGMA, MIN_MATCHES, OUTLIER_PIXELS, Prepared, compared, neighbours, reference_first,
-    shared_error_factor, tracks, with_first,
+    shared_error_factor, tracks,
 };
 use crate::statistics::is_flat;
 use crate::{Callback, Result};
@@ -59,9 +59,7 @@ pub enum Verdict {
     #[error("{0} matches agree, {MIN_MATCHES} are needed; take it from nearer to the others")]
     TooFewMatches(usize),
     /// No more matches agree than those of unrelated photographs.
-    #[error(
-        "another place: {agreeing} of {matches} matches agree, no more than by chance; take photographs between, or refine it apart"
-    )]
+    #[error("another place: {agreeing} of {matches} matches agree, no more than by chance; refine it apart")]
     AnotherPlace {
         /// Matches of the best pair, right or wrong.
         matches: usize,
@@ -151,8 +149,7 @@ pub fn estimate_poses(
     callback: &mut Callback<'_>,
 ) -> Result<Estimated> {
     let mut shots = reference_first(photographs, reference)?;
-    let able = &shots[..reference.map_or(shots.len(), |_| 1)];
-    let has_prior = able.iter().any(|shot| shot.prior.is_some());
+    let has_prior = shots[..reference.map_or(shots.len(), |_| 1)].iter().any(|shot| shot.prior.is_some());
     OutOfRange::check(has_prior, "prior of the reference", &"missing", "give its depth")?;
     let features: Vec<&Features> = shots.iter().map(|shot| &shot.features).collect();
     let compare = |[i, j]: [usize; 2]| {
@@ -161,7 +158,9 @@ pub fn estimate_poses(
     let pairs = compared(&neighbours::likely(&features), compare, callback)?;
     let chosen = reference.map_or_else(|| central(&shots, &pairs), |_| 0);
     shots[..=chosen].rotate_right(1);
-    let mut found = adjusted(&shots, &with_first(pairs, chosen));
+    let place = |index: usize| if index > chosen { index } else { (index + 1) % (chosen + 1) };
+    let pairs: Vec<Pair> = pairs.into_iter().map(|pair| pair.between(place)).collect();
+    let mut found = adjusted(&shots, &pairs);
     found.photographs[..=reference.unwrap_or(chosen)].rotate_left(1);
     Ok(found)
 }

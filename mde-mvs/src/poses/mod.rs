@@ -157,12 +157,6 @@ fn reference_first(photographs: &[Prepared], reference: Option<usize>) -> Result
     Ok(sorted)
 }
 
-/// The pairs after the photograph at `chosen` became the first.
-fn with_first(pairs: Vec<Pair>, chosen: usize) -> Vec<Pair> {
-    let place = |index: usize| if index > chosen { index } else { (index + 1) % (chosen + 1) };
-    pairs.into_iter().map(|pair| pair.between(place)).collect()
-}
-
 /// What those pairs of photographs have in common, some at once; the callback counts them.
 fn compared(
     pairs: &[[usize; 2]],

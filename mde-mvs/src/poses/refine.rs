@@ -4,7 +4,7 @@ use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
     MIN_MATCHES, OUTLIER_PIXELS, Prepared, REGIONS, centre, compared, neighbours, reference_first,
-    shared_error_factor, tracks, with_first,
+    shared_error_factor, tracks,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::OutOfRange;
@@ -85,7 +85,7 @@ pub fn refine_poses(
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Refined> {
-    let mut shots = reference_first(photographs, reference)?;
+    let shots = reference_first(photographs, reference)?;
     let as_many = poses.len() == photographs.len();
     OutOfRange::check(as_many, "number of poses", &poses.len(), "give one for each photograph")?;
     let mut numbers = poses.iter().flat_map(|p| p.translation.vector.iter().chain(p.rotation.coords.iter()));
@@ -100,19 +100,14 @@ pub fn refine_poses(
     };
     let pairs = compared(&neighbours::pairs(&given), compare, callback)?;
 
-    let verdicts = vec![Verdict::Posed; given.len()];
+    let mut verdicts = vec![Verdict::Posed; given.len()];
+    verdicts[0] = Verdict::Reference;
     let mut capture = Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts };
     while capture.leave_out(&given, GIVEN_PIXELS) {}
-    let Capture { mut verdicts, .. } = capture;
-    let first = verdicts.iter().position(Verdict::has_pose).filter(|_| reference.is_none()).unwrap_or(0);
-    shots[..=first].rotate_right(1);
-    given[..=first].rotate_right(1);
-    verdicts[..=first].rotate_right(1);
-    if verdicts[0].has_pose() {
-        verdicts[0] = Verdict::Reference;
+    let kept = capture.verdicts.iter().position(Verdict::has_pose).filter(|_| reference.is_none());
+    if let Some(first @ 1..) = kept {
+        return refine_poses(photographs, poses, Some(first), seed, callback);
     }
-    let pairs = with_first(pairs, first);
-    let mut capture = Capture { shots: &shots, pairs: &pairs, poses: &given, verdicts };
     let mut adjusted = capture.adjusted(seed);
     while capture.leave_out(&adjusted.bundle.cameras.poses, OUTLIER_PIXELS) {
         adjusted = capture.adjusted(seed);
@@ -129,7 +124,7 @@ pub fn refine_poses(
         depth: depths[v],
     };
     let mut photographs: Vec<EstimatedPose> = (0..shots.len()).map(of_photograph).collect();
-    photographs[..=reference.unwrap_or(first)].rotate_left(1);
+    photographs[..=reference.unwrap_or(0)].rotate_left(1);
     let found = photographs.iter().map(|one| one.pose.filter(|_| accepted));
     let (moved, depths) = (moved(poses, &found.collect::<Vec<_>>()), bundle.reference_depths());
     Ok(Refined { photographs, accepted, withheld, moved, depths })

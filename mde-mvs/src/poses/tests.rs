@@ -70,8 +70,8 @@ fn estimate(photographs: &[PoseInput], reference: usize) -> Estimated {
     estimate_poses(&prepared(photographs, false).unwrap(), Some(reference), 0, &mut silent).unwrap()
 }
 
-fn refine(photographs: &[PoseInput], poses: &[Pose], reference: usize) -> Refined {
-    refine_poses(&prepared(photographs, true).unwrap(), poses, Some(reference), 0, &mut silent).unwrap()
+fn refine(photographs: &[PoseInput], poses: &[Pose], reference: impl Into<Option<usize>>) -> Refined {
+    refine_poses(&prepared(photographs, true).unwrap(), poses, reference.into(), 0, &mut silent).unwrap()
 }
 
 fn poses(refined: &Refined) -> Vec<Pose> {
@@ -369,8 +369,7 @@ fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
     // Without a reference the first photograph is like any other.
     let mut first = poses.clone();
     first[0] = Pose::translation(10.0, 0.0, 0.0) * first[0];
-    let prepared = prepared(&given, true).unwrap();
-    let found = refine_poses(&prepared, &first, None, 0, &mut silent).unwrap().photographs;
+    let found = refine(&given, &first, None).photographs;
     assert!(!found[0].verdict.has_pose() && found[1].verdict == Verdict::Reference);
     assert!(
         found[1..].iter().zip(&poses[1..]).all(|(one, pose)| rotation_error(&one.pose.unwrap(), pose) < 0.1)
