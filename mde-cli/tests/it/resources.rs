@@ -5,7 +5,6 @@ use mde_cli::refiner::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
 use ndarray::{Array2, Array3};
 use std::fs;
-use std::path::Path;
 
 /// A picture of that size with its depth: `large.png`, `large.npy`. Enlarged, as a room takes seconds to render at such a size.
 fn large(place: &Place, width: usize, height: usize) {
