@@ -1,9 +1,8 @@
 use super::files::{find_scenes, layout};
-use super::{CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunRgbd};
+use super::{CaptureGrid, Captures, DataSet, Nyu, PlainFolders, Posed, Resized, Rooms, SunRgbd};
 use crate::{Error, Result};
 use mde_uncertainty::OutOfRange;
 use serde::Serialize;
-use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
@@ -87,8 +86,6 @@ pub struct Options {
     pub captures: CaptureGrid,
     /// Error of the given poses of [`Posed`], degrees.
     pub pose_noise: f64,
-    /// Places by scene ([`Placed`]), for data sets that do not name them.
-    pub places: BTreeMap<String, String>,
 }
 
 /// Opens a data set by its name; rooms have the seed 0.
@@ -111,10 +108,9 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
         (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root, fov)?),
     };
-    let data: Box<dyn DataSet> = match options.size {
+    Ok(match options.size {
         // Rooms are made in the size.
         Some(_) if root.is_some() => Box::new(Resized::new(data, width, height)?),
         _ => data,
-    };
-    Ok(Box::new(Placed::new(data, &options.places)?))
+    })
 }

@@ -2,7 +2,7 @@
 
 use mde_eval::data::{
     CaptureGrid, Captures, DataSet, DataSetKind, Nyu, Options, PlainFolders, Posed, Resized, Rooms, SunRgbd,
-    open, parse_places,
+    open,
 };
 use mde_eval::mde_prior::format::{write_npy, write_png16};
 use mde_eval::mde_prior::photo::write_image;
@@ -52,13 +52,12 @@ fn sun_scenes_of_all_sensors_are_found_and_read() {
         assert!(!sample.assumed_camera && sample.trusted_depth == 8.0);
     }
     assert!(matches!(data.load(5), Err(Error::Scene { index: 5, count: 5 })));
-    // The place is a recording's; a list names others.
+    // The place is a recording's.
     let places = [data.place(1), data.place(3), data.place(4), data.place(5)];
     assert_eq!(places, [Some("kv2/000002"), Some(lobby), Some(lobby), None]);
-    let places = parse_places("# who was where\nkv2/000002  shop 1\n\n").unwrap();
-    let options = Options { places, size: Some([4, 3]), ..Options::default() };
-    let placed = open(DataSetKind::SunRgbd, Some(root.path()), &options).unwrap();
-    assert_eq!([placed.place(1), placed.place(3)], [Some("shop 1"), Some(lobby)]);
+    let options = Options { size: Some([4, 3]), ..Options::default() };
+    let resized = open(DataSetKind::SunRgbd, Some(root.path()), &options).unwrap();
+    assert_eq!([resized.place(1), resized.place(3)], [Some("kv2/000002"), Some(lobby)]);
 }
 
 #[test]

@@ -3,8 +3,8 @@ use super::features::Features;
 use super::matching::match_features;
 use super::two_view::{Pair, relative_pose};
 use super::{
-    FLAT_SIGMA, FOCAL_SIGMA, MIN_MATCHES, OUTLIER_PIXELS, Prepared, compared, neighbours, reference_first,
-    shared_error_factor, tracks,
+    FLAT_SIGMA, FOCAL_SIGMA, MIN_MATCHES, OUTLIER_PIXELS, Prepared, compared, cycles, neighbours,
+    reference_first, shared_error_factor, tracks,
 };
 use crate::statistics::is_flat;
 use crate::{Callback, Result};
@@ -66,8 +66,10 @@ pub enum Verdict {
         /// Those that agree on one motion.
         agreeing: usize,
     },
-    /// So many matches agree with each other, but on no pose with the prior's depth.
-    #[error("{0} matches fit no pose with the prior's depth; check its intrinsic parameters")]
+    /// So many matches agree with each other, but on no pose that the prior's depth, or of many photographs a third, confirms.
+    #[error(
+        "{0} matches agree, but neither the prior nor a third photograph confirms a pose; take more about it"
+    )]
     NoPose(usize),
     /// It has features, but hardly any of them is matched in its neighbours: so many.
     #[error(
@@ -134,10 +136,11 @@ pub struct Estimated {
 
 /// Poses of photographs without any; the module's front page has the method.
 ///
-/// Without a reference, the photograph with a prior and most agreeing matches in the largest group that is joined by motions takes its place. The
-/// result depends on the photographs, the order of those after the reference, and the seed, not on the number of threads. A
-/// photograph that does not fit has no pose and a [`Verdict`] with the reason; with none that fits, the reference alone has one. The
-/// callback counts the pairs of photographs as they are compared.
+/// Without a reference, the photograph with a prior and most agreeing matches in the largest group that is joined by motions takes its
+/// place. Of more than 12 photographs a motion counts where a third photograph confirms its rotation. The result depends on the photographs,
+/// the order of those after the reference, and the seed, not on the number of threads. A photograph that does not fit has no pose and a
+/// [`Verdict`] with the reason; with none that fits, the reference alone has one. The callback counts the pairs of photographs as they are
+/// compared.
 ///
 /// # Errors
 /// [`Config`](crate::Error::Config) for fewer than two photographs or a reference that is none of them or has no prior;
@@ -155,7 +158,10 @@ pub fn estimate_poses(
     let compare = |[i, j]: [usize; 2]| {
         relative_pose([shots[i], shots[j]], [i, j], &match_features(features[i], features[j]), seed)
     };
-    let pairs = compared(&neighbours::likely(&features), compare, callback)?;
+    let mut pairs = compared(&neighbours::likely(&features), compare, callback)?;
+    if shots.len() > neighbours::FEW {
+        cycles::drop_unconfirmed(&mut pairs);
+    }
     let chosen = reference.map_or_else(|| central(&shots, &pairs), |_| 0);
     shots[..=chosen].rotate_right(1);
     let place = |index: usize| if index > chosen { index } else { (index + 1) % (chosen + 1) };

@@ -1,11 +1,11 @@
 //! Poses of photographs, found from matches and a monocular depth prior, or refined where they are given.
 //!
-//! [`estimate_poses`] needs no pose. SIFT features of each photograph are matched, of more than 12 photographs with those that
-//! share most of the coarsest features, pairs of one epipolar geometry kept (a fundamental matrix by LO-RANSAC, for which no focal
-//! length is needed), and the features of one photograph lifted by the prior's depth, so that three of them give the pose of the
-//! other (P3P in RANSAC). The best pairs join all photographs to the reference; then poses, depths, the scales of the priors and,
-//! where it was assumed, one common focal length are adjusted to all matches. With pixels \\( p \\), rays \\( d \\), the prior \\( D \\) and Huber's loss
-//! \\( \rho \\):
+//! [`estimate_poses`] needs no pose. SIFT features of each photograph are matched, of more than 12 photographs with those that share most
+//! of the coarsest features, pairs of one epipolar geometry kept (a fundamental matrix by LO-RANSAC, for which no focal length is needed),
+//! and the features of one photograph lifted by the prior's depth, so that three of them give the pose of the other (P3P in RANSAC). Of
+//! more than 12 photographs a pair counts where a third confirms its rotation. The best pairs join all photographs to the reference; then
+//! poses, depths, the scales of the priors and, where it was assumed, one common focal length are adjusted to all matches. With pixels
+//! \\( p \\), rays \\( d \\), the prior \\( D \\) and Huber's loss \\( \rho \\):
 //!
 //! \\[ \min \sum_{k, v} \rho\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
 //!   {}+ \sum_k \rho\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
@@ -25,6 +25,7 @@
 //! Poses map the reference's frame to the camera's, in the unit of the reference's prior.
 
 mod bundle;
+mod cycles;
 mod depth;
 mod estimate;
 mod features;

@@ -106,9 +106,6 @@ pub(crate) struct DataArgs {
     /// Horizontal field of view of scenes without intrinsics, degrees (with a warning)
     #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = field_of_view)]
     pub(crate) assume_fov: f64,
-    /// File with a line SCENE PLACE per scene; intervals resample places
-    #[arg(long, value_name = "FILE")]
-    pub(crate) places: Option<PathBuf>,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,

@@ -192,7 +192,7 @@ impl<'a> Evaluation<'a> {
             }
         }
         let mut entries = self.scoring.scene(&sample, &made, &self.store)?;
-        // Not from the stored scores: --places may differ from that of an earlier run.
+        // Not in the stored scores.
         let place = self.source.data.place(index).map(str::to_owned);
         entries.iter_mut().for_each(|entry| entry.place.clone_from(&place));
         Ok(entries)

@@ -8,7 +8,6 @@ use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, OwnPriors
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPriorConfig, simulated_prior};
 use mde_prior::{DepthKind, DepthPrior, FileKind, FilePrior, open};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -32,12 +31,6 @@ impl Source {
             (None, Some(root)) => DataSetKind::guess(root)?,
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
-        let mut places = BTreeMap::new();
-        if let Some(path) = &args.places {
-            let shown = || path.display().to_string();
-            let text = open::read_text(path, FileKind::Text).with_context(shown)?;
-            places = data::parse_places(&text).with_context(shown)?;
-        }
         let captures = several.grid.clone().unwrap_or_default();
         let pose_noise = match captures.pose_noises[..] {
             _ if kind == DataSetKind::Captures || several.grid.is_none() => 0.0,
@@ -65,8 +58,7 @@ impl Source {
             (None, None) if pose_noise > 0.0 => format!(", poses off by {pose_noise} degrees"),
             (None, None) => String::new(),
         };
-        let options =
-            Options { places, pose_noise, assumed_fov: Some(args.assume_fov), size: args.size, captures };
+        let options = Options { pose_noise, assumed_fov: Some(args.assume_fov), size: args.size, captures };
         let data = data::open(kind, root, &options)?;
         let title = format!("{kind}{size}{poses}");
         Ok(Self { data, kind, title, settings, posed: withheld.is_none(), assumed_fov })
