@@ -11,7 +11,7 @@ use std::path::Path;
 /// Depth files, the measurements of the sensor in `depth/`, are 16-bit PNGs of millimetres whose bits are rotated left by three, trusted up to 8 m.
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene
 /// without that file needs an assumed field of view. The place is known for the frames of SUN3D alone
-/// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too, which [`Placed`](super::Placed) can name.
+/// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too.
 #[derive(Debug, Clone)]
 pub struct SunRgbd {
     scenes: Scenes,

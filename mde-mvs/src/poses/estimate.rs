@@ -67,9 +67,7 @@ pub enum Verdict {
         agreeing: usize,
     },
     /// So many matches agree with each other, but on no pose that the prior's depth, or of many photographs a third, confirms.
-    #[error(
-        "{0} matches agree, but neither the prior nor a third photograph confirms a pose; take more about it"
-    )]
+    #[error("{0} matches agree, but on no pose that prior or third photograph confirms; take more beside it")]
     NoPose(usize),
     /// It has features, but hardly any of them is matched in its neighbours: so many.
     #[error(
