@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// The frame of the points and the surface.
-const FRAME: &str = "world of transforms.json, the frame of its camera with most matches";
+const FRAME: &str = "world of transforms.json";
 /// The surface of all photographs.
 pub const MESHES: [&str; 2] = ["mesh.ply", "mesh.glb"];
 /// The points that two photographs confirm.

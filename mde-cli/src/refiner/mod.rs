@@ -361,7 +361,7 @@ impl<'s> Prepared<'s> {
     /// The camera of the reference.
     pub fn camera(&self) -> KnownCamera {
         let several = self.several.as_ref();
-        let found = several.and_then(|several| several.camera(self.scene.first()));
+        let found = several.and_then(|several| several.camera(several.reference()));
         self.camera.clone().or_estimated(found, several.and_then(|several| several.report().focal_sigma))
     }
 

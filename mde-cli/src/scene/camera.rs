@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Assumed field of view along the longer side, degrees: between a phone's main camera (65 to 75) and a longer lens.
 const ASSUMED_FOV: f64 = 60.0;
 
-/// The horizontal one of a photograph; a lens has the same focal length however it is held.
+/// The horizontal field of view of that lens, whose focal length is the same however it is held.
 fn assumed_fov(width: usize, height: usize) -> f64 {
     let half = (width as f64 / height as f64 * (0.5 * ASSUMED_FOV).to_radians().tan()).atan();
     if width < height { 2.0 * half.to_degrees() } else { ASSUMED_FOV }
@@ -169,5 +169,16 @@ impl KnownCamera {
             "the camera is unknown: a horizontal field of view of {degrees:.0} degrees is assumed, which affects the point cloud \
              but not the depth, unless a field is fitted; give {{fov}} or {{intrinsics}}"
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lens_that_is_turned_keeps_its_focal_length() {
+        let focal = |size| KnownCamera::new(&GivenCamera::Nothing, None, size).unwrap().camera.fx;
+        assert!((focal([480, 640]) / focal([640, 480]) - 1.0).abs() < 1e-12);
     }
 }

@@ -27,7 +27,7 @@ class Scene(Sequence[Result]):
     names : list of str
         Names of their photographs.
     poses : list of ndarray or None
-        World to camera of each, ``float64 [4, 4]``, in the unit of the results. The world is the frame of the camera with most matches, or
+        World to camera of each, ``float64 [4, 4]``, in the unit of the results. The world is the frame of one of the cameras, or
         in the unit of given poses their world. None for one that was refined alone, since the others carry no depth for it.
     run : dict
         The record of the run, with the keys of the program's ``run.json``: ``photographs`` has for each why it was refined alone

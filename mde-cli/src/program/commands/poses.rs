@@ -58,7 +58,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let unread = unread.map_or_else(String::new, |count| format!(", {count} can't be read"));
     let count = format!("{} of {} photographs have a pose{unread}", frames.len(), scene.photographs.len());
     // At the size of the file, as in the transforms.json.
-    let original = scene.photographs[scene.first()].original;
+    let original = scene.photographs[several.reference()].original;
     let camera = flags(&prepared.camera().resized(original)?.title());
     let text = format!("camera: {camera}\n{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
     let value = json!({ "photographs": report.photographs, "focal_factor": report.focal_factor, "focal_sigma": report.focal_sigma,
