@@ -86,8 +86,6 @@ impl<'a> ScoredScene<'a> {
             true => score_aligned(&subject, &self.shared, self.config)?,
             false => score(&subject, self.config)?,
         };
-        let mut entry = Entry::new(self.id, method, scores);
-        entry.set_shared(&subject, &self.shared, self.config)?;
-        Ok(entry)
+        Ok(Entry::new(self.id, method, scores))
     }
 }

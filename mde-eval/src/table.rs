@@ -14,11 +14,8 @@ pub use summary::{MethodSummary, Statistics, Summary};
 pub use verdict::{is_control, verdict};
 pub use write::document;
 
-use crate::Result;
 use crate::align::{Alignment, AlignmentRule};
-use crate::metrics::depth;
-use crate::raster::gather;
-use crate::score::{ScoreConfig, Scores, Subject, UncertaintyCurves};
+use crate::score::{Scores, UncertaintyCurves};
 use mde_uncertainty::normal::central_half_width;
 use mde_uncertainty::pooled::{PooledIntervals, share_below};
 use serde::{Deserialize, Serialize};
@@ -71,25 +68,6 @@ impl Entry {
             true => self.values.insert(key.to_owned(), value),
             false => self.values.remove(key),
         };
-    }
-
-    /// Adds the squared error of the map under another map's alignment: a difference of it is not the alignment's.
-    ///
-    /// # Errors
-    /// As [`score_aligned`](crate::score::score_aligned).
-    pub fn set_shared(
-        &mut self,
-        subject: &Subject<'_>,
-        alignment: &Alignment,
-        config: &ScoreConfig,
-    ) -> Result<()> {
-        config.validate()?;
-        let pixels = subject.pixels(config)?;
-        let clip = |p: f64| alignment.depth(p).max(config.min_depth).min(config.max_depth).max(1e-6);
-        let p: Vec<f64> = gather(subject.prediction, pixels.view()).into_iter().map(clip).collect();
-        let g = gather(subject.truth, pixels.view());
-        self.set("mse_shared", depth::mse(&p, &g)?);
-        Ok(())
     }
 
     /// The place that the scene shows; the scene itself where it has none.
@@ -163,7 +141,7 @@ pub fn failed(failures: &[Failure]) -> Vec<String> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::score::score;
+    use crate::score::{ScoreConfig, Subject, score};
     use crate::statistics::Bootstrap;
     use ndarray::Array2;
 
@@ -185,10 +163,7 @@ pub(crate) mod tests {
                 let sigma = sigma.as_ref().map(|sigma| sigma.view());
                 let subject = Subject { sigma, ..Subject::new(depth.view(), truth.view()) };
                 let scores = score(&subject, &config).unwrap();
-                let alignment = scores.alignment;
                 let mut entry = Entry::new(format!("scene {scene}"), method, scores);
-                entry.set_shared(&subject, &alignment, &config).unwrap();
-                assert!((entry.values["mse_shared"] - entry.values["mse"]).abs() < 1e-6);
                 entry.set("seconds", 1.0);
                 entries.push(entry);
             }

@@ -59,8 +59,8 @@ def test_alignment():
 def test_curves():
     curve = metrics.reliability(ERROR, SIGMA)
     assert curve.shape == (100, 2) and np.abs(curve[:, 0] - curve[:, 1]).max() < 0.05
-    rmsce = np.sqrt(np.mean((curve[:, 1] - curve[:, 0]) ** 2))
-    np.testing.assert_allclose(metrics.score(PREDICTION, TRUTH, SIGMA, alignment="none")["rmsce"], rmsce, rtol=0.02)
+    covered = metrics.score(PREDICTION, TRUTH, SIGMA, alignment="none")["coverage_90"]
+    assert abs(np.interp(0.9, curve[:, 0], curve[:, 1]) - covered) < 0.01
     bins = metrics.costs_by_sigma(np.abs(ERROR), SIGMA, bins=2)
     np.testing.assert_allclose(bins[:, 0], np.sort(SIGMA.ravel()).reshape(2, -1).mean(axis=1))
     np.testing.assert_allclose(bins[:, 1].mean(), np.abs(ERROR).mean())

@@ -5,13 +5,13 @@ use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
 use mde_mvs::poses::{
-    EstimatedPose, PoseInput, Prepared, Verdict, estimate_poses, max_features, refine_poses,
+    EstimatedPose, PoseCovariance, PoseInput, Prepared, Verdict, estimate_poses, max_features, refine_poses,
 };
 use mde_mvs::views::gradient_energy;
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Matrix6, Point2};
+use nalgebra::Point2;
 use ndarray::ArcArray2;
 use rayon::prelude::*;
 
@@ -28,8 +28,8 @@ pub(super) struct Posed {
     pub(super) order: Vec<usize>,
     /// [`gradient_energy`] of each view.
     pub(super) energies: Vec<f64>,
-    /// Covariance of each view's pose, from the capture's reference; none where too few matches determine it.
-    pub(super) covariances: Vec<Option<Matrix6<f64>>>,
+    /// Covariance of the photographs' poses.
+    pub(super) covariance: PoseCovariance,
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,
     /// Further factor of each view's prior: of one depth everywhere, to the typical depth of that view's matches where it is [`ELSEWHERE`].
@@ -70,7 +70,7 @@ pub(super) fn posed(
     let seed = derived_seed(config.seed, "poses", 0);
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
     let mut depths = Vec::new();
-    let mut found = if let Some(given) = given {
+    let (mut found, covariance) = if let Some(given) = given {
         let world = given[scene.first()].inverse();
         let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
         let refined = refine_poses(&inputs, &given, scene.reference, seed, matched)?;
@@ -79,14 +79,14 @@ pub(super) fn posed(
         let moved = refined.moved.iter().map(|&index| scene.photographs[index].name.clone());
         report.moved = moved.collect();
         depths = refined.depths;
-        refined.photographs
+        (refined.photographs, refined.covariance)
     } else {
         let estimated = estimate_poses(&inputs, scene.reference, seed, matched)?;
         report.poses = PoseSource::Estimated;
         report.focal_factor = Some(estimated.focal_factor);
         report.focal_sigma = estimated.focal_sigma;
         report.distortion = estimated.distortion;
-        estimated.photographs
+        (estimated.photographs, estimated.covariance)
     };
     for (photograph, found) in report.photographs.iter_mut().zip(&found) {
         (photograph.verdict, photograph.matches) = (found.verdict.to_string(), Some(found.matches));
@@ -122,14 +122,13 @@ pub(super) fn posed(
         let first = *prior.first()?;
         prior.iter().all(|z| *z == first).then_some(f64::from(first) * unit)
     });
-    let mut posed = Posed { unit, ..Posed::default() };
+    let mut posed = Posed { unit, covariance, ..Posed::default() };
     let (mut centres, mut known) = (Vec::new(), Vec::new());
     for index in std::iter::once(reference).chain(others) {
-        if let EstimatedPose { pose: Some(pose), camera, covariance, depth, .. } = found[index] {
+        if let EstimatedPose { pose: Some(pose), camera, depth, .. } = found[index] {
             posed.views.push(scene.photographs[index].place(pose, camera));
             posed.order.push(index);
             posed.energies.push(energies[index]);
-            posed.covariances.push(covariance);
             centres.push(pose.inverse().translation.vector);
             known.extend(depth.zip(flat).map(|(depth, flat)| (centres.len() - 1, depth / flat)));
         }

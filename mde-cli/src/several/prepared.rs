@@ -16,13 +16,12 @@ use mde_fusion::{BayesFuser, Fuser};
 use mde_mvs::consensus::{Reconstruction, Sweeps, ViewDepth};
 use mde_mvs::evidence::Evidence;
 use mde_mvs::exposure::{Exposure, fit_exposure};
-use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
 use mde_mvs::sigma::{COMPONENTS, combine};
 use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
-use nalgebra::{Matrix6, Point3};
+use nalgebra::Point3;
 use ndarray::{ArcArray2, Array2, Array3, Zip};
 use rayon::prelude::*;
 
@@ -190,16 +189,8 @@ impl<'s> PreparedScene<'s> {
         let plan = &self.plan[place];
         let views = members.iter().map(|&view| posed.read(self.scene, view));
         let mut views = views.collect::<Result<Vec<_>>>()?;
-        let from = posed.covariances[place].as_ref();
-        let back = posed.views[place].pose.inverse();
-        // The capture's reference has no covariance of its own, and given poses without matches have none.
-        let relative = |&view: &usize| {
-            let motion = posed.views[view].pose * back;
-            let own = posed.covariances[view];
-            (own.is_some() || from.is_some())
-                .then(|| relative_covariance(&motion, &own.unwrap_or_else(Matrix6::zeros), from))
-        };
-        let covariances: Vec<Option<Matrix6<f64>>> = members.iter().map(relative).collect();
+        let poses: Vec<_> = members.iter().map(|&view| (posed.order[view], posed.views[view].pose)).collect();
+        let covariance = posed.covariance.of_motions(&poses);
         let mut candidate = candidate(plan, posed, self.scene)?;
         if place != 0 {
             let frame = views[0].pose.inverse();
@@ -251,7 +242,7 @@ impl<'s> PreparedScene<'s> {
         begin(callback, Stage::Fuse, 0, iterations)?;
         let factor = scale[0];
         let of_field = rendered.as_ref().map(|rendered| (&rendered.depth, rendered.in_bin.as_ref()));
-        let (mut depth, parts) = combine(own, inflation, &views, &covariances, of_field, factor)?;
+        let (mut depth, parts) = combine(own, inflation, &views, &covariance, of_field, factor)?;
         let of_part = |(name, sigma)| Component { name, sigma };
         let mut components: Vec<_> = COMPONENTS.into_iter().zip(parts).map(of_part).collect();
         let bayes = BayesFuser::new(config.fusion.clone())?;

@@ -1,6 +1,5 @@
 use super::Aligned;
 use crate::Result;
-use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
 use crate::metrics::sparsification::Reduction::{Mean, RootMean};
 use crate::metrics::sparsification::{Sparsification, costs_by_uncertainty, sparsify, sparsify_poggi};
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
@@ -32,7 +31,6 @@ pub(super) struct SigmaMap {
     /// By relative error in order of sigma over depth: a sigma proportional to depth is at chance.
     pub(super) relative: Sparsification,
     pub(super) poggi_abs_rel: Sparsification,
-    pub(super) calibration: CalibrationErrors,
     pub(super) curves: UncertaintyCurves,
 }
 
@@ -71,7 +69,6 @@ impl SigmaMap {
             rmse: sparsify(&squared, &sigma, RootMean)?,
             relative: sparsify(&relative, &relative_sigma, Mean)?,
             poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
-            calibration: calibration_errors(&errors, &sigma)?,
             curves: UncertaintyCurves {
                 error_by_percentile,
                 sparsification: sparsify(&absolute, &sigma, Mean)?,

@@ -195,13 +195,6 @@ crps = lambda mu, sd, t: (
 out["crps-first"] = float(np.mean([crps(*v) for v in zip(p[:40], s[:40], g[:40])]))
 inside = lambda q: float(np.mean(np.abs(e) <= s * stats.norm.ppf(0.5 + q / 2)))
 out["coverage"] = [inside(q) for q in (0.5, 0.68, 0.9, 0.95)]
-levels = np.linspace(0, 1, 100)
-out["mace"] = float(np.mean([abs(inside(q) - q) for q in levels]))
-missed = np.array([inside(q) - q for q in levels])
-out["rmsce"] = float(np.sqrt(np.mean(missed**2)))
-# Far more points than pieces: the area of a broken line and a straight one.
-fine = np.linspace(0, 1, 990001)
-out["miscalibration-area"] = float(np.trapezoid(np.abs(np.interp(fine, levels, missed)), fine))
 ordered = np.argsort(s)
 cuts = [k * s.size // 20 for k in range(21)]
 parts = [ordered[a:b] for a, b in zip(cuts, cuts[1:])]

@@ -16,6 +16,7 @@ mod distortion;
 mod starts;
 mod triangulation;
 
+use super::covariance::PoseCovariance;
 use super::{FOCAL_SIGMA, PRIOR_SIGMA, centre, shared_error_factor};
 use crate::statistics::{is_flat, robust_deviation};
 use mde_uncertainty::statistics::median;
@@ -488,11 +489,10 @@ impl Bundle {
         self.cameras.log_scales.iter_mut().skip(1).for_each(|scale| *scale -= log);
     }
 
-    /// Covariance of each pose's left perturbation, translation before rotation in radians, if a pixel's standard deviation is
-    /// `noise` times that of [`Lens::noise`]. Where no pose is given the length of all translations together, the unit, counts as known.
-    /// Nothing for poses that are kept, and where the normal equations are singular. Beside them the variance of the logarithm of the
-    /// assumed focal lengths' common factor.
-    pub(super) fn covariances(&self, noise: f64) -> (Vec<Option<Matrix6<f64>>>, Option<f64>) {
+    /// Covariance of the poses if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Where no pose is given the length
+    /// of all translations together, the unit, counts as known. Poses are exact where they are kept, and where the normal equations are
+    /// singular. Beside it the variance of the logarithm of the assumed focal lengths' common factor.
+    pub(super) fn covariance(&self, noise: f64) -> (PoseCovariance, Option<f64>) {
         let layout = self.layout();
         let matrix = self.normal(&layout, noise).reduced(0.0).0;
         let mut along = DVector::zeros(matrix.nrows());
@@ -509,9 +509,10 @@ impl Bundle {
             // Given that the translations' sum along themselves does not change.
             if variance > 0.0 { inverse - &spread * spread.transpose() / variance } else { inverse }
         });
-        let of_pose = |at: usize| Some(inverse.as_ref()?.fixed_view::<6, 6>(at, at).into_owned());
         let of_focal = layout.focal.and_then(|at| Some(inverse.as_ref()?[(at, at)]));
-        (layout.poses.iter().map(|start| start.and_then(of_pose)).collect(), of_focal)
+        let rows = 6 * layout.poses.iter().flatten().count();
+        let of_poses = inverse.map(|inverse| inverse.view_range(..rows, ..rows).into_owned());
+        (PoseCovariance::new(&layout.poses, of_poses), of_focal)
     }
 }
 

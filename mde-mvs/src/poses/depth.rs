@@ -1,62 +1,66 @@
 //! What uncertain poses do to depth.
 
 use super::bundle::twist;
+use crate::Result;
+use mde_uncertainty::OutOfRange;
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
+use nalgebra::{DMatrix, DVector, Point2, Point3, RowVector2, Vector3, Vector6};
 use ndarray::{Array2, ArrayView2};
 
-/// Variance of the log depth of each pixel of `views[0]` that comes from the poses of the other views; 0 where none of them shows the
-/// pixel. Views without a covariance have exact poses.
+/// Variance of the log depth of each pixel of `views[0]` that comes from the poses of the views; 0 where no other one shows the pixel.
 ///
 /// A pixel with ray \\( d \\) and depth \\( z \\) is seen by view \\( v \\) at \\( u_v = \pi(R_v z d + t_v) \\). With
 /// \\( g_v = \partial u_v / \partial \log z \\), the depth of least squares of all views moves by
 ///
 /// \\[ \delta \log z = - \frac{\sum_v g_v^\top A_v \xi_v}{\sum_v \lVert g_v \rVert^2}, \quad
-///   \operatorname{var} \log z = \frac{\sum_v g_v^\top A_v \Sigma_v A_v^\top g_v}{\left( \sum_v \lVert g_v \rVert^2 \right)^2} \\]
+///   \operatorname{var} \log z = \frac{\sum_{v, w} g_v^\top A_v \Sigma_{vw} A_w^\top g_w}{\left( \sum_v \lVert g_v \rVert^2 \right)^2} \\]
 ///
-/// when the poses move by the left perturbations \\( \xi_v \\) (translation before rotation) of covariance \\( \Sigma_v \\), taken as
-/// independent, with \\( A_v = \partial u_v / \partial \xi_v \\). One common scale has no part in it: with all translations
-/// \\( \xi_v = \alpha t_v \\) every depth moves by \\( \alpha \\), so \\( \alpha = \sum_v t_v^\top \xi_v / \sum_v \lVert t_v \rVert^2 \\)
-/// is taken from \\( \delta \log z \\).
+/// when the poses move by the left perturbations \\( \xi_v \\) (translation before rotation), with \\( A_v = \partial u_v / \partial \xi_v \\).
+/// One common scale has no part in it: with all translations \\( \xi_v = \alpha t_v \\) every depth moves by \\( \alpha \\), so
+/// \\( \alpha = \sum_v t_v^\top \xi_v / \sum_v \lVert t_v \rVert^2 \\) is taken from \\( \delta \log z \\).
 ///
-/// `covariances` are of the transformations from the frame of `views[0]`, one per view; that of `views[0]` is not read.
+/// `covariance`, \\( \Sigma \\), is that of [`of_motions`](super::PoseCovariance::of_motions), from the frame of `views[0]`.
+///
+/// # Errors
+/// [`Config`](crate::Error::Config) for a covariance of another size.
 pub fn depth_variance(
     views: &[PosedView],
-    covariances: &[Option<Matrix6<f64>>],
+    covariance: &DMatrix<f64>,
     depth: ArrayView2<'_, f32>,
-) -> Array2<f32> {
-    let Some((reference, others)) = views.split_first() else { return Array2::zeros(depth.dim()) };
+) -> Result<Array2<f32>> {
+    let Some((reference, others)) = views.split_first() else { return Ok(Array2::zeros(depth.dim())) };
+    let (rows, size) = (6 * others.len(), covariance.shape());
+    OutOfRange::check(size == (rows, rows), "rows of the covariance", &size.0, "give six per motion")?;
     let back = reference.pose.inverse();
     let motions: Vec<Pose> = others.iter().map(|view| view.pose * back).collect();
     let length: f64 = motions.iter().map(|motion| motion.translation.vector.norm_squared()).sum();
-    Array2::from_shape_fn(depth.dim(), |(y, x)| {
+    if length == 0.0 {
+        return Ok(Array2::zeros(depth.dim()));
+    }
+    let mut row = DVector::zeros(rows);
+    Ok(Array2::from_shape_fn(depth.dim(), |(y, x)| {
         let z = f64::from(depth[(y, x)]);
         if !(z > 0.0 && z.is_finite()) {
             return 0.0;
         }
         let point = reference.camera.ray(Point2::new(x as f64, y as f64)) * z;
-        let pairs = others.iter().zip(&motions);
-        let seen: Vec<_> = pairs.map(|(view, motion)| derivative(view, motion, &point)).collect();
+        let seen: Vec<_> =
+            others.iter().zip(&motions).map(|(view, by)| derivative(view, by, &point)).collect();
         let information: f64 = seen.iter().flatten().map(|(slope, _)| slope).sum();
         if information <= 0.0 {
             return 0.0;
         }
-        let mut variance = 0.0;
-        for ((motion, seen), covariance) in motions.iter().zip(&seen).zip(covariances.iter().skip(1)) {
-            let Some(covariance) = covariance else { continue };
-            let mut row = seen.map_or_else(RowVector6::zeros, |(_, row)| row / information);
-            if length > 0.0 {
-                let scale = motion.translation.vector.transpose() / length;
-                (0..3).for_each(|i| row[i] += scale[i]);
-            }
-            variance += (row * covariance * row.transpose())[(0, 0)];
+        for (v, (seen, motion)) in seen.iter().zip(&motions).enumerate() {
+            let common = twist(&(motion.translation.vector / length), &Vector3::zeros());
+            let own = seen.map_or(common, |(_, own)| common + own / information);
+            row.fixed_rows_mut::<6>(6 * v).copy_from(&own);
         }
-        variance.max(0.0) as f32
-    })
+        row.dot(&(covariance * &row)).max(0.0) as f32
+    }))
 }
 
 /// \\( \lVert g \rVert^2 \\) and \\( g^\top A \\) of a point in the reference's frame; nothing where the view does not show it.
-fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(f64, RowVector6<f64>)> {
+fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(f64, Vector6<f64>)> {
     let turned = motion.rotation * point;
     let there = turned + motion.translation.vector;
     if there.z <= 1e-9 {
@@ -72,33 +76,14 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
     let slope = RowVector2::new(across.dot(&turned), down.dot(&turned));
     let translation = slope.x * across + slope.y * down;
     // (omega x p) . a = omega . (p x a).
-    let row = twist(&translation, &there.cross(&translation)).transpose();
-    Some((slope.norm_squared(), row))
-}
-
-/// Covariance of the transformation from the frame of one photograph to another's, from those of both to a third frame's, taken as
-/// independent: \\( \Sigma + \mathrm{Ad}\\, \Sigma_0 \mathrm{Ad}^\top \\), with the adjoint of `motion`, from the one to the other.
-pub fn relative_covariance(
-    motion: &Pose,
-    covariance: &Matrix6<f64>,
-    from: Option<&Matrix6<f64>>,
-) -> Matrix6<f64> {
-    let Some(from) = from else { return *covariance };
-    let rotation = motion.rotation.to_rotation_matrix().into_inner();
-    let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    let crossed = motion.translation.vector.cross_matrix() * rotation;
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&crossed);
-    covariance + adjoint * from * adjoint.transpose()
+    Some((slope.norm_squared(), twist(&translation, &there.cross(&translation))))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::poses::bundle::exp;
-    use crate::synthetic::{Plane, pose_at, scene};
-    use nalgebra::Vector6;
+    use crate::synthetic::{Plane, scene};
     use proptest::prelude::*;
 
     const CENTRES: [[f64; 3]; 3] = [[0.0; 3], [0.3, 0.05, 0.0], [-0.1, 0.25, 0.1]];
@@ -121,29 +106,26 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(12))]
-        /// One direction of one view's pose at a time: the variance is the square of the depth's move.
+        /// Both poses move by one draw: the variance is the square of the depth's move.
         #[test]
         fn the_variance_is_that_of_the_depth_of_least_squares(
-            axis in 0..6_usize, which in 1..3_usize, y in 20..50_usize, x in 30..66_usize,
+            draw in prop::collection::vec(-1.0..1.0_f64, 12), y in 20..50_usize, x in 30..66_usize,
         ) {
             let plane = [Plane::slanted(2.0, 0.3, 0.1)];
             let (views, depths) = scene(&plane, (72, 96), &CENTRES);
             let step = 1e-5;
             let still = [Vector6::zeros(); 2];
-            let mut by = still;
-            by[which - 1][axis] = step;
+            let joint = DVector::from_vec(draw) * step;
+            let mut by = [0, 6].map(|start| joint.fixed_rows::<6>(start).into_owned());
             // Without the common scale, as there.
             let lengths: f64 = views[1..].iter().map(|view| view.pose.translation.vector.norm_squared()).sum();
-            let scale = by[which - 1].fixed_rows::<3>(0).dot(&views[which].pose.translation.vector) / lengths;
+            let along = |(by, view): (&Vector6<f64>, &PosedView)| by.fixed_rows::<3>(0).dot(&view.pose.translation.vector);
+            let scale = by.iter().zip(&views[1..]).map(along).sum::<f64>() / lengths;
             for (by, view) in by.iter_mut().zip(&views[1..]) {
                 let without = by.fixed_rows::<3>(0) - view.pose.translation.vector * scale;
                 by.fixed_rows_mut::<3>(0).copy_from(&without);
             }
-            let mut covariance = Matrix6::zeros();
-            covariance[(axis, axis)] = step * step;
-            let mut covariances = vec![None; 3];
-            covariances[which] = Some(covariance);
-            let found = depth_variance(&views, &covariances, depths[0].view())[(y, x)];
+            let found = depth_variance(&views, &(&joint * joint.transpose()), depths[0].view()).unwrap()[(y, x)];
             let z = f64::from(depths[0][(y, x)]);
             let expected = (moved(&views, &by, z, (y, x)) - moved(&views, &still, z, (y, x))).abs();
             let seen = |view: &PosedView| {
@@ -162,14 +144,14 @@ mod tests {
         let plane = [Plane::slanted(2.0, 0.3, 0.1)];
         let (views, depths) = scene(&plane, (48, 64), &CENTRES[..2]);
         let direction = twist(&(views[1].pose.translation.vector * 0.1), &Vector3::zeros());
-        let covariances = [None, Some(direction * direction.transpose())];
-        let found = depth_variance(&views, &covariances, depths[0].view());
+        let one = DMatrix::from_column_slice(6, 6, (direction * direction.transpose()).as_slice());
+        let found = depth_variance(&views, &one, depths[0].view()).unwrap();
         assert!(found.iter().all(|v| *v < 1e-12), "{found}");
         let (views, depths) = scene(&plane, (48, 64), &CENTRES);
-        let covariances = [None, covariances[1], None];
-        let found = depth_variance(&views, &covariances, depths[0].view());
+        let found = depth_variance(&views, &one.resize(12, 12, 0.0), depths[0].view()).unwrap();
         assert!(found.iter().filter(|v| **v > 1e-4).count() > 500, "{found}");
-        let none = depth_variance(&views, &[None, None], depths[0].view());
+        assert!(depth_variance(&views, &DMatrix::zeros(6, 6), depths[0].view()).is_err());
+        let none = depth_variance(&views, &DMatrix::zeros(12, 12), depths[0].view()).unwrap();
         assert!(none.iter().all(|v| *v == 0.0));
     }
 
@@ -180,25 +162,9 @@ mod tests {
         let first_row = |beyond: f64| {
             let focal = scene(&plane, (48, 64), &CENTRES[..1]).0[0].camera.fy;
             let (views, depths) = scene(&plane, (48, 64), &[[0.0; 3], [0.1, beyond * 2.0 / focal, 0.0]]);
-            depth_variance(&views, &[None, Some(Matrix6::identity() * 1e-6)], depths[0].view())[(0, 32)]
+            depth_variance(&views, &(DMatrix::identity(6, 6) * 1e-6), depths[0].view()).unwrap()[(0, 32)]
         };
         assert!(first_row(0.3) > 0.5 * first_row(0.0) && first_row(0.0) > 0.0);
         assert_eq!(first_row(0.7), 0.0);
-    }
-
-    /// Two photographs that move together do not move against each other.
-    #[test]
-    fn a_relative_covariance_has_both_poses() {
-        let first = pose_at([0.1, 0.0, 0.0], [0.1, 0.2, 0.0]);
-        let second = pose_at([0.3, 0.1, 0.2], [0.0, -0.1, 0.3]);
-        let motion = second * first.inverse();
-        let by = Vector6::new(0.3, -0.2, 0.1, 0.2, 0.4, -0.3) * 1e-6;
-        let moved = second * (exp(&by) * first).inverse();
-        let found = relative_covariance(&motion, &Matrix6::zeros(), Some(&(by * by.transpose())));
-        let difference = moved * motion.inverse();
-        let expected = twist(&difference.translation.vector, &difference.rotation.scaled_axis());
-        let off = found.diagonal() - expected.component_mul(&expected);
-        assert!(off.amax() < 1e-3 * 1e-12, "{off}");
-        assert_eq!(relative_covariance(&motion, &Matrix6::identity(), None), Matrix6::identity());
     }
 }

@@ -1,4 +1,5 @@
 use super::bundle::{Bundle, Cameras, Observed};
+use super::covariance::PoseCovariance;
 use super::features::Features;
 use super::matching::match_features;
 use super::two_view::{Pair, relative_pose};
@@ -11,7 +12,7 @@ use crate::{Callback, Result};
 use mde_uncertainty::OutOfRange;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::{Matrix6, Point2, Vector2};
+use nalgebra::{Point2, Vector2};
 
 /// Steps of an adjustment at most.
 pub(super) const STEPS: usize = 60;
@@ -22,7 +23,7 @@ const ROUNDS: usize = 3;
 /// Another start leads to a better solution if the misses sum to less than this share.
 const WORTHWHILE: f64 = 0.99;
 
-/// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 448 photographs two had more, 4.7 and 5.3, and were
+/// A photograph whose rotation from its nearest neighbour is less certain than this, in degrees, has no pose. Of 448 photographs two had more, 4.7 and 5.3, and were
 /// off by 29 and 48 degrees; the others have at most 1.2.
 const MOST_UNCERTAIN: f64 = 3.0;
 
@@ -109,9 +110,6 @@ pub struct EstimatedPose {
     pub verdict: Verdict,
     /// Points that it shares with others (of given poses: matches with its neighbours) and that fit the poses to 3 pixels.
     pub matches: usize,
-    /// Covariance of the pose's left perturbation, translation before rotation in radians, as of 30 independent
-    /// matches at most, since lens and shutter have errors that neighbours share. Nothing for the reference.
-    pub covariance: Option<Matrix6<f64>>,
     /// Median depth of the points that it shows, in the unit of the poses; nothing with fewer than 20.
     pub depth: Option<f64>,
 }
@@ -121,6 +119,8 @@ pub struct EstimatedPose {
 pub struct Estimated {
     /// One per photograph, in the order given, in the unit of the reference's prior.
     pub photographs: Vec<EstimatedPose>,
+    /// Covariance of their poses, of which that of the reference is exact.
+    pub covariance: PoseCovariance,
     /// Pixels of the reference (x: column, y: row) and their depths, in the unit of the poses.
     pub depths: Vec<(Point2<f64>, f64)>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
@@ -165,7 +165,9 @@ pub fn estimate_poses(
     let place = |index: usize| if index > chosen { index } else { (index + 1) % (chosen + 1) };
     let pairs: Vec<Pair> = pairs.into_iter().map(|pair| pair.between(place)).collect();
     let mut found = adjusted(&shots, &pairs);
-    found.photographs[..=reference.unwrap_or(chosen)].rotate_left(1);
+    let front = reference.unwrap_or(chosen) + 1;
+    found.photographs[..front].rotate_left(1);
+    found.covariance.rotate_left(front);
     Ok(found)
 }
 
@@ -225,10 +227,14 @@ pub(super) fn adjusted(shots: &[&Prepared], pairs: &[Pair]) -> Estimated {
         bundle.rescale_to_prior();
         // The matches count as if they were few, so the focal length's own deviation counts in full.
         bundle.cameras.focal_sigma = FOCAL_SIGMA;
-        let (covariances, of_focal) = bundle.covariances(bundle.shared_noise());
-        let degrees = |c: &Matrix6<f64>| (c[(3, 3)] + c[(4, 4)] + c[(5, 5)]).max(0.0).sqrt().to_degrees();
-        let each = covariances.iter().enumerate().filter_map(|(v, c)| Some((v, degrees(c.as_ref()?))));
-        let most_uncertain = each.max_by(|a, b| a.1.total_cmp(&b.1));
+        let (covariance, of_focal) = bundle.covariance(bundle.shared_noise());
+        let placed = |v: usize| tree.poses[v].map(|pose| (v, pose));
+        // Of the turn from the photograph that each is attached to: on a long walk the errors of turns add up.
+        let degrees = |v: usize| {
+            let turn = covariance.of_motions(&[placed(tree.from[v])?, placed(v)?]);
+            Some((v, turn.diagonal().rows(3, 3).sum().max(0.0).sqrt().to_degrees()))
+        };
+        let most_uncertain = (1..shots.len()).filter_map(degrees).max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((v, degrees)) = most_uncertain.filter(|(_, degrees)| *degrees > MOST_UNCERTAIN) {
             (dropped[v], uncertain[v]) = (true, Some(degrees));
             continue;
@@ -258,14 +264,13 @@ pub(super) fn adjusted(shots: &[&Prepared], pairs: &[Pair]) -> Estimated {
                 camera: PinholeCamera { fx: camera.fx * factor, fy: camera.fy * factor, ..*camera },
                 verdict,
                 matches: counts[v],
-                covariance: covariances[v].filter(|_| posed),
                 depth: depths[v],
             }
         };
         let photographs = (0..shots.len()).map(of_photograph).collect();
         let (depths, focal_sigma) =
             (bundle.reference_depths(), of_focal.map(|variance| FOCAL_ERRORS * variance.sqrt()));
-        return Estimated { photographs, depths, focal_factor, focal_sigma, distortion };
+        return Estimated { photographs, covariance, depths, focal_factor, focal_sigma, distortion };
     }
 }
 
@@ -376,9 +381,11 @@ impl Bundle {
         (squares / free as f64).sqrt().max(LEAST_NOISE)
     }
 
-    /// The same with the errors that neighbouring matches share.
+    /// The same with the errors that neighbouring matches share, of as many matches as 12 photographs have.
     pub(super) fn shared_noise(&self) -> f64 {
-        shared_error_factor(self.tracks.len()) * self.noise()
+        let photographs = self.counts().iter().filter(|count| **count > 0).count();
+        let matches = self.tracks.len() * neighbours::FEW / photographs.max(neighbours::FEW);
+        shared_error_factor(matches) * self.noise()
     }
 
     /// [`Cameras::residual`] of all observations.

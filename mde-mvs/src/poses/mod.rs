@@ -25,6 +25,7 @@
 //! Poses map the reference's frame to the camera's, in the unit of the reference's prior.
 
 mod bundle;
+mod covariance;
 mod cycles;
 mod depth;
 mod estimate;
@@ -37,7 +38,8 @@ mod tracks;
 mod turn;
 mod two_view;
 
-pub use depth::{depth_variance, relative_covariance};
+pub use covariance::PoseCovariance;
+pub use depth::depth_variance;
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use neighbours::nearest;
 pub use refine::{Refined, refine_poses};

@@ -1,17 +1,17 @@
 use super::bundle::{Bundle, Cameras, Given, Lens, Observed};
+use super::covariance::PoseCovariance;
 use super::estimate::{EstimatedPose, STEPS, Verdict};
 use super::matching::match_features;
 use super::two_view::{Pair, verified_matches};
 use super::{
-    MIN_MATCHES, OUTLIER_PIXELS, Prepared, REGIONS, centre, compared, neighbours, reference_first,
-    shared_error_factor, tracks,
+    MIN_MATCHES, OUTLIER_PIXELS, Prepared, REGIONS, centre, compared, neighbours, reference_first, tracks,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::OutOfRange;
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
-use nalgebra::{Matrix6, Point2};
+use nalgebra::Point2;
 use rand::RngExt;
 use rayon::prelude::*;
 
@@ -46,8 +46,10 @@ const MOVED: f64 = 0.5;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
     /// One per photograph, in the order given. The reference's pose is unchanged; all are where [`accepted`](Self::accepted) is false.
-    /// Poses that are kept have covariances too, by the matches and the deviations that are allowed.
     pub photographs: Vec<EstimatedPose>,
+    /// Covariance of their poses by the matches and the deviations that are allowed, also of poses that are kept: exact for the reference
+    /// and with fewer than 20 tracks. Of a long capture neighbours are of one group.
+    pub covariance: PoseCovariance,
     /// Whether withheld matches fit better with refined poses.
     pub accepted: bool,
     /// Median distance of withheld matches from where they should be, with the given poses and with those refined without them,
@@ -112,7 +114,7 @@ pub fn refine_poses(
     while capture.leave_out(&adjusted.bundle.cameras.poses, OUTLIER_PIXELS) {
         adjusted = capture.adjusted(seed);
     }
-    let Adjusted { bundle, covariances, accepted, withheld } = adjusted;
+    let Adjusted { bundle, mut covariance, accepted, withheld } = adjusted;
     let fitting = capture.agreement(&bundle.cameras, OUTLIER_PIXELS);
     let depths = bundle.median_depths();
     let of_photograph = |v: usize| EstimatedPose {
@@ -120,14 +122,14 @@ pub fn refine_poses(
         camera: shots[v].camera,
         verdict: capture.verdicts[v],
         matches: fitting[v][1],
-        covariance: covariances[v],
         depth: depths[v],
     };
     let mut photographs: Vec<EstimatedPose> = (0..shots.len()).map(of_photograph).collect();
     photographs[..=reference.unwrap_or(0)].rotate_left(1);
+    covariance.rotate_left(reference.unwrap_or(0) + 1);
     let found = photographs.iter().map(|one| one.pose.filter(|_| accepted));
     let (moved, depths) = (moved(poses, &found.collect::<Vec<_>>()), bundle.reference_depths());
-    Ok(Refined { photographs, accepted, withheld, moved, depths })
+    Ok(Refined { photographs, covariance, accepted, withheld, moved, depths })
 }
 
 /// The photographs whose found pose is farther from the given one than [`MOVED`] allows.
@@ -152,7 +154,7 @@ struct Capture<'g> {
 /// Poses and tracks as they are kept.
 struct Adjusted {
     bundle: Bundle,
-    covariances: Vec<Option<Matrix6<f64>>>,
+    covariance: PoseCovariance,
     accepted: bool,
     withheld: Option<[f64; 2]>,
 }
@@ -272,9 +274,9 @@ impl Capture<'_> {
         bundle.triangulate();
         let still = self.poses.iter().all(|pose| centre(pose) == centre(&self.poses[0]));
         let depth = self.typical_depth(&bundle);
+        let mut covariance = PoseCovariance::new(&vec![None; self.poses.len()], None);
         let Some(depth) = depth.filter(|_| !still && bundle.tracks.len() >= MIN_MATCHES) else {
-            let covariances = vec![None; self.poses.len()];
-            return Adjusted { bundle, covariances, accepted: false, withheld: None };
+            return Adjusted { bundle, covariance, accepted: false, withheld: None };
         };
         bundle.cameras.given = Some(Given {
             poses: self.poses.to_vec(),
@@ -339,15 +341,10 @@ impl Capture<'_> {
                 bundle
             }
         };
-        let shared = shared_error_factor(bundle.tracks.len() / windows.len());
-        let noise = shared * bundle.noise();
+        let noise = bundle.shared_noise();
         // Of each window with the other poses kept.
-        let mut covariances = vec![None; bundle.cameras.poses.len()];
-        for window in &windows {
-            let found = bundle.window(window).covariances(noise).0;
-            window.iter().for_each(|&v| covariances[v] = found[v]);
-        }
-        Adjusted { bundle, covariances, accepted: share.is_some(), withheld }
+        windows.iter().for_each(|window| covariance.append(bundle.window(window).covariance(noise).0));
+        Adjusted { bundle, covariance, accepted: share.is_some(), withheld }
     }
 }
 

@@ -5,7 +5,7 @@ use crate::poses::depth_variance;
 use crate::{Result, centre};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use nalgebra::Matrix6;
+use nalgebra::DMatrix;
 use ndarray::Array2;
 
 /// Factor of the variances of the consensus and of edges beside a field, which has them in part already.
@@ -32,12 +32,12 @@ const NEIGHBOURS: f32 = 4.0 / 320.0;
 /// prior with the doubt of the match, and the inflation by which the photographs disagree.
 ///
 /// # Errors
-/// [`Error::Depth`](crate::Error::Depth) for maps of different sizes.
+/// [`Error::Depth`](crate::Error::Depth) for maps of different sizes; those of [`depth_variance`].
 pub fn combine(
     ViewDepth { fused: consensus, ambiguity, .. }: &ViewDepth,
     inflation: f32,
     views: &[PosedView],
-    covariances: &[Option<Matrix6<f64>>],
+    covariance: &DMatrix<f64>,
     field: Option<(&GaussianDepth, Option<&Array2<f32>>)>,
     factor: f64,
 ) -> Result<(GaussianDepth, [Array2<f32>; COMPONENTS.len()])> {
@@ -45,7 +45,7 @@ pub fn combine(
     let mut mean = Array2::zeros(consensus.dim());
     let mut variance = Array2::from_elem(consensus.dim(), f32::INFINITY);
     let per_depth = disparity(views) as f32;
-    let of_poses = depth_variance(views, covariances, consensus.mean());
+    let of_poses = depth_variance(views, covariance, consensus.mean())?;
     let disagreement = 1.0 - inflation.recip();
     let (rendered, within) = field.map_or((None, None), |(depth, within)| (Some(depth), within));
     let known = |map: &GaussianDepth, (y, x)| map.get(y, x).filter(|(z, _)| *z > 0.0);
@@ -153,7 +153,8 @@ mod tests {
         let (views, priors) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &[[0.0; 3], [0.2, 0.0, 0.0]]);
         let priors = [priors[0].view(), priors[1].view()];
         let found = reconstruct(&views, &priors, None, &mut silent).unwrap();
-        let (_, parts) = combine(&found.views[0], found.inflation, &views, &[None, None], None, 1.0).unwrap();
+        let (_, parts) =
+            combine(&found.views[0], found.inflation, &views, &DMatrix::zeros(6, 6), None, 1.0).unwrap();
         let of_fused = ["ambiguity", "prior", "view-disagreement"];
         let fused = COMPONENTS.iter().zip(&parts).filter(|(name, _)| of_fused.contains(name));
         let fused = fused.map(|(_, sigma)| sigma.mapv(|sigma| sigma * sigma)).reduce(|a, b| a + b).unwrap();

@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 
 /// Changes with the definition of a score, so that kept scores are computed again.
-const DEFINITIONS: u32 = 3;
+const DEFINITIONS: u32 = 4;
 
 pub(crate) struct Scoring {
     /// Settings; the data set may replace the largest depth.
