@@ -47,12 +47,11 @@ impl PoseCovariance {
         let back = from.inverse();
         let adjoints: Vec<Matrix6<f64>> = others.iter().map(|(_, pose)| adjoint(&(pose * back))).collect();
         let block = |v: usize, w: usize| self.block(v, w).unwrap_or_else(Matrix6::zeros);
-        let own = block(first, first);
         let mut joint = DMatrix::zeros(6 * others.len(), 6 * others.len());
         for (i, (&(v, _), of_v)) in others.iter().zip(&adjoints).enumerate() {
             for (j, (&(w, _), of_w)) in others.iter().zip(&adjoints).enumerate() {
                 let crossed = of_v * block(first, w) + block(v, first) * of_w.transpose();
-                let found = block(v, w) - crossed + of_v * own * of_w.transpose();
+                let found = block(v, w) - crossed + of_v * block(first, first) * of_w.transpose();
                 joint.fixed_view_mut::<6, 6>(6 * i, 6 * j).copy_from(&found);
             }
         }
