@@ -5,11 +5,9 @@
 //! All functions here: [`Error::Length`](crate::Error::Length) where the lists differ, [`Error::Empty`](crate::Error::Empty) without
 //! pixels, [`Error::Value`](crate::Error::Value) for an error that is not finite or a sigma that is not positive and finite.
 
-use super::sparsification::expected;
 use crate::Result;
-use crate::error::{self, check_lists, positive};
+use crate::error::{check_lists, positive};
 use mde_uncertainty::normal::{FRAC_1_SQRT_PI, density, erf};
-use mde_uncertainty::statistics::Order;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Negative log-likelihood of the truth, in nats per pixel:
@@ -41,11 +39,6 @@ pub fn mean_z2(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     mean(errors, sigma, |e, s| (e / s).powi(2))
 }
 
-/// Root of the mean variance, \\(\sqrt{\frac1n \sum_i s_i^2}\\): the sharpness of the predicted distribution.
-pub fn rms_sigma(errors: &[f64], sigma: &[f64]) -> Result<f64> {
-    Ok(mean(errors, sigma, |_, s| s * s)?.sqrt())
-}
-
 /// Nominal and observed coverage of central intervals at 0, 1/99, ..., 1 (the reliability curve).
 pub fn reliability(errors: &[f64], sigma: &[f64]) -> Result<Vec<(f64, f64)>> {
     const STEPS: usize = 99;
@@ -57,27 +50,6 @@ pub fn reliability(errors: &[f64], sigma: &[f64]) -> Result<Vec<(f64, f64)>> {
         (nominal, inside.partition_point(|p| *p <= nominal) as f64 / inside.len() as f64)
     };
     Ok((0..=STEPS).map(point).collect())
-}
-
-/// Expected normalised calibration error (Levi et al., "Evaluating and calibrating uncertainty prediction in regression tasks",
-/// 2019) over `bins` runs of equal size in order of sigma, ties averaged:
-///
-/// \\[ \frac1B \sum_b \frac{|\mathrm{RMV}_b - \mathrm{RMSE}_b|}{\mathrm{RMV}_b},\qquad
-///     \mathrm{RMV}_b^2 = \operatorname{mean}_b s^2,\quad \mathrm{RMSE}_b^2 = \operatorname{mean}_b e^2 \\]
-pub fn ence(errors: &[f64], sigma: &[f64], bins: usize) -> Result<f64> {
-    check(errors, sigma)?;
-    error::check([("the number of ENCE bins", bins as f64, bins > 0, "use at least 1")])?;
-    let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();
-    let order = Order::new(sigma)?;
-    let [squares, variances] = [errors, sigma].map(|values| expected(&order, &square(values)));
-    let (n, bins) = (errors.len(), bins.min(errors.len()));
-    let root_mean = |values: &[f64]| (values.iter().sum::<f64>() / values.len() as f64).sqrt();
-    let total: f64 = (0..bins)
-        .map(|k| k * n / bins..(k + 1) * n / bins)
-        .map(|run| (root_mean(&variances[run.clone()]), root_mean(&squares[run])))
-        .map(|(expected, observed)| (expected - observed).abs() / expected)
-        .sum();
-    Ok(total / bins as f64)
 }
 
 /// Probability of the smallest central interval that holds the truth: \\(\operatorname{erf}(|z| / \sqrt 2)\\).

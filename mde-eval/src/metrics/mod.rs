@@ -44,7 +44,6 @@ mod tests {
         assert!(matches!(zero, Err(Error::Value { what: "sigma", index: 0, .. })));
         let infinite = calibration::crps(&[f64::INFINITY], &[1.0]);
         assert!(matches!(infinite, Err(Error::Value { what: "the error", .. })));
-        assert!(matches!(calibration::ence(&[1.0], &[1.0], 0), Err(Error::Config(_))));
         assert!(matches!(calibration::coverage(&[], &[], 0.5), Err(Error::Empty(_))));
         assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
         assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty(_))));

@@ -2,7 +2,7 @@
 //!
 //! A curve of the mean cost over what is kept, once in order of the predicted sigma, once in order of the cost itself (the
 //! oracle), once in no order (random, a flat line). **AUSE** is the area between the first and the oracle (0 is best), **AURG** the area
-//! that the first gains over random. Two definitions are in use, [`sparsify`] and [`sparsify_poggi`]. Pixels of equal
+//! that the first gains over random. Pixels of equal
 //! sigma leave together: their mean stands for each of them, which is the expectation over how ties are broken. A
 //! constant sigma therefore gives the random curve and not an accident of the pixels' order.
 
@@ -40,7 +40,7 @@ impl Sparsification {
         trapezoid(&self.removed, &self.by_sigma) - trapezoid(&self.removed, &self.oracle)
     }
 
-    /// \\(C_\text{random} - \int C_\sigma\\,\mathrm d r\\) by the trapezoidal rule, after Poggi et al.; positive where sigma beats chance.
+    /// \\(C_\text{random} - \int C_\sigma\\,\mathrm d r\\) by the trapezoidal rule; positive where sigma beats chance.
     pub fn aurg(&self) -> f64 {
         self.random - trapezoid(&self.removed, &self.by_sigma)
     }
@@ -64,27 +64,6 @@ pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sp
         let values = curves.by_sigma.iter_mut().chain(&mut curves.oracle);
         values.chain([&mut curves.random]).for_each(|value| *value /= largest);
     }
-    Ok(curves)
-}
-
-/// AUSE's and AURG's curves after Poggi et al., "On the uncertainty of self-supervised monocular depth estimation" (CVPR 2020;
-/// `evaluate.py`).
-///
-/// 50 intervals: at \\(r_k = k/50\\) the pixels at or above the \\(k\\)-th 50-quantile of certainty are reduced, a final 0 is
-/// appended at \\(r = 1\\), and nothing is normalised. The published code keeps whole runs of ties; here they leave by
-/// chance, which is the same number where there are none.
-///
-/// # Errors
-/// As [`sparsify`].
-pub fn sparsify_poggi(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    const INTERVALS: usize = 50;
-    let n = costs.len();
-    let removed = (0..=INTERVALS).map(|k| k as f64 / INTERVALS as f64).collect();
-    // NumPy's percentile sits at (n - 1) k / 50 in the sorted list; those at or above it stay.
-    let kept = (0..INTERVALS).map(|k| n - ((n - 1) * k).div_ceil(INTERVALS));
-    let mut curves = curves((costs, sigma), reduction, removed, kept)?;
-    curves.by_sigma.push(0.0);
-    curves.oracle.push(0.0);
     Ok(curves)
 }
 
@@ -170,10 +149,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn both(costs: &[f64], sigma: &[f64], reduction: Reduction) -> [Sparsification; 2] {
-        [sparsify(costs, sigma, reduction).unwrap(), sparsify_poggi(costs, sigma, reduction).unwrap()]
-    }
-
     proptest! {
         #[test]
         fn the_oracle_has_no_area_and_nothing_is_below_it(
@@ -181,13 +156,10 @@ mod tests {
         ) {
             let (costs, sigma): (Vec<f64>, Vec<f64>) = pixels.iter().map(|&(c, s)| (c, f64::from(s))).unzip();
             for reduction in [Reduction::Mean, Reduction::RootMean] {
-                for curves in both(&costs, &costs, reduction) {
-                    prop_assert!(curves.ause().abs() < 1e-12);
-                }
-                for curves in both(&costs, &sigma, reduction) {
-                    prop_assert!(curves.ause() >= -1e-12);
-                    prop_assert!(curves.by_sigma.iter().zip(&curves.oracle).all(|(s, o)| s - o >= -1e-12));
-                }
+                prop_assert!(sparsify(&costs, &costs, reduction).unwrap().ause().abs() < 1e-12);
+                let curves = sparsify(&costs, &sigma, reduction).unwrap();
+                prop_assert!(curves.ause() >= -1e-12);
+                prop_assert!(curves.by_sigma.iter().zip(&curves.oracle).all(|(s, o)| s - o >= -1e-12));
             }
         }
 
@@ -197,21 +169,18 @@ mod tests {
         ) {
             let value = |pixels: &[(f64, u8)]| {
                 let (costs, sigma): (Vec<f64>, Vec<f64>) = pixels.iter().map(|&(c, s)| (c, f64::from(s))).unzip();
-                both(&costs, &sigma, Reduction::Mean).map(|c| c.ause())
+                sparsify(&costs, &sigma, Reduction::Mean).unwrap().ause()
             };
             let mut moved = pixels.clone();
             moved.rotate_left(shift % pixels.len());
             moved.reverse();
-            let (a, b) = (value(&pixels), value(&moved));
-            prop_assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9));
+            prop_assert!((value(&pixels) - value(&moved)).abs() < 1e-9);
         }
 
         #[test]
         fn a_constant_sigma_is_chance(costs in proptest::collection::vec(0.0..5.0_f64, 1..200)) {
-            let [rays, poggi] = both(&costs, &vec![0.3; costs.len()], Reduction::Mean);
-            prop_assert!(rays.by_sigma.iter().all(|c| (c - rays.random).abs() < 1e-9));
-            // What is left of the gain is the 0 appended at the end: half an interval.
-            prop_assert!((poggi.aurg() - 0.01 * poggi.random).abs() < 1e-9);
+            let curves = sparsify(&costs, &vec![0.3; costs.len()], Reduction::Mean).unwrap();
+            prop_assert!(curves.by_sigma.iter().all(|c| (c - curves.random).abs() < 1e-9));
         }
 
         #[test]
@@ -225,7 +194,7 @@ mod tests {
 
     #[test]
     fn no_error_at_all_is_no_area() {
-        let [rays, poggi] = both(&[0.0; 7], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], Reduction::RootMean);
-        assert_eq!((rays.ause(), rays.aurg(), poggi.ause()), (0.0, 0.0, 0.0));
+        let curves = sparsify(&[0.0; 7], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], Reduction::RootMean).unwrap();
+        assert_eq!((curves.ause(), curves.aurg()), (0.0, 0.0));
     }
 }

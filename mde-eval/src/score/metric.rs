@@ -1,11 +1,8 @@
 use super::map::DepthMap;
 use super::sigma::SigmaMap;
 use crate::Result;
-use crate::metrics::calibration::{coverage, crps, ence, mean_z2, nll, rms_sigma};
+use crate::metrics::calibration::{coverage, crps, mean_z2, nll};
 use crate::metrics::depth;
-
-/// Bins of the ENCE.
-const ENCE_BINS: usize = 20;
 
 /// Direction of a metric.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -142,8 +139,6 @@ pub const METRICS: &[Metric] = &[
     shown("spearman_relative", "Spearman, σ/D and AbsRel", Higher, Ranking, Sigma(|s| s.spearman_relative)),
     shown("ause_relative", "AUSE, σ/D and AbsRel", Lower, Ranking, Sigma(|s| Some(s.relative.ause()))),
     shown("aurg_relative", "AURG, σ/D and AbsRel", Higher, Ranking, Sigma(|s| Some(s.relative.aurg()))),
-    more("poggi_ause_abs_rel", Lower, Ranking, Sigma(|s| Some(s.poggi_abs_rel.ause()))),
-    shown("poggi_aurg_abs_rel", "AURG, AbsRel", Higher, Ranking, Sigma(|s| Some(s.poggi_abs_rel.aurg()))),
     shown("coverage_50", "cover 50 %", Near(0.5), Calibration, Errors(|e, s| coverage(e, s, 0.5))),
     more("coverage_68", Near(0.68), Calibration, Errors(|e, s| coverage(e, s, 0.68))),
     shown("coverage_90", "cover 90 %", Near(0.9), Calibration, Errors(|e, s| coverage(e, s, 0.9))),
@@ -151,9 +146,7 @@ pub const METRICS: &[Metric] = &[
     shown("nll", "NLL", Lower, Calibration, Errors(nll)),
     shown("crps", "CRPS, m", Lower, Calibration, Errors(crps)),
     shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, Errors(mean_z2)),
-    shown("ence", "ENCE", Lower, Calibration, Errors(|e, s| ence(e, s, ENCE_BINS))),
     more("alignment_scale", Neither, Calibration, Evaluation),
-    more("rms_sigma", Neither, Calibration, Errors(rms_sigma)),
     shown("factor", "factor from other places", Near(1.0), Calibration, Evaluation),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, Evaluation),
     shown("calibrated_nll", "then NLL", Lower, Calibration, Evaluation),

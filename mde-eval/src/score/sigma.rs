@@ -1,7 +1,7 @@
 use super::Aligned;
 use crate::Result;
 use crate::metrics::sparsification::Reduction::{Mean, RootMean};
-use crate::metrics::sparsification::{Sparsification, costs_by_uncertainty, sparsify, sparsify_poggi};
+use crate::metrics::sparsification::{Sparsification, costs_by_uncertainty, sparsify};
 use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,6 @@ pub(super) struct SigmaMap {
     pub(super) rmse: Sparsification,
     /// By relative error in order of sigma over depth: a sigma proportional to depth is at chance.
     pub(super) relative: Sparsification,
-    pub(super) poggi_abs_rel: Sparsification,
     pub(super) curves: UncertaintyCurves,
 }
 
@@ -68,7 +67,6 @@ impl SigmaMap {
             spearman_relative: spearman(&relative_sigma, &relative)?,
             rmse: sparsify(&squared, &sigma, RootMean)?,
             relative: sparsify(&relative, &relative_sigma, Mean)?,
-            poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             curves: UncertaintyCurves {
                 error_by_percentile,
                 sparsification: sparsify(&absolute, &sigma, Mean)?,

@@ -17,6 +17,9 @@ use rayon::prelude::*;
 
 /// Shares of the largest deviations of a given pose that are tried, the most trust first.
 const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
+/// The same of given poses that no refinement betters, for the covariance. With the largest deviations 90 % intervals hold 94.7 % on 13
+/// captures, with this share 93.6 %.
+const KEPT: f64 = 0.3;
 /// Parts of the tracks, each of which is withheld once.
 const FOLDS: usize = 5;
 /// Standard errors by which moved poses must fit the withheld tracks better than the given ones.
@@ -302,11 +305,15 @@ impl Capture<'_> {
             let tracks = tracks.map(|(track, _)| track.clone()).collect();
             Bundle { cameras: judge.cameras.clone(), tracks }
         };
-        let refined = |share: f64, mut next: Bundle| {
+        let trusting = |share: f64, mut next: Bundle| {
             if let Some(given) = &mut next.cameras.given {
                 given.rotation_sigma *= share;
                 given.centre_sigma *= share;
             }
+            next
+        };
+        let refined = |share: f64, next: Bundle| {
+            let mut next = trusting(share, next);
             next.adjust(STEPS);
             next.triangulate();
             next.drop_outliers(OUTLIER_PIXELS);
@@ -336,9 +343,8 @@ impl Capture<'_> {
         let bundle = match share {
             Some(share) => refined(*share, bundle),
             None => {
-                // Given poses come without a covariance: that of the matches takes its place.
                 bundle.drop_outliers(OUTLIER_PIXELS);
-                bundle
+                trusting(KEPT, bundle)
             }
         };
         let noise = bundle.shared_noise();
