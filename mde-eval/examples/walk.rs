@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let room = Room::ALL.into_iter().find(|one| one.to_string() == *room).ok_or(usage)?;
     let (world, count) = (World::new(room, 0)?, count.parse::<usize>()?);
-    let camera = world.camera(480, 360)?;
+    let camera = world.camera(540, 360)?;
     // The room's own camera looks down by 12 degrees.
     let level = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 12_f64.to_radians());
     let turned = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         frames.push(serde_json::json!({ "file_path": names[0], "depth_file_path": names[1], "transform_matrix": rows }));
     }
     let (cx, cy) = (camera.cx + 0.5, camera.cy + 0.5);
-    let capture = serde_json::json!({ "fl_x": camera.fx, "fl_y": camera.fy, "cx": cx, "cy": cy, "w": 480, "h": 360, "frames": frames });
+    let capture = serde_json::json!({ "fl_x": camera.fx, "fl_y": camera.fy, "cx": cx, "cy": cy, "w": 540, "h": 360, "frames": frames });
     fs::write(format!("{folder}/transforms.json"), capture.to_string())?;
     Ok(())
 }
