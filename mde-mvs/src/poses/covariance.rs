@@ -2,7 +2,7 @@ use mde_warp::Pose;
 use nalgebra::{DMatrix, Matrix6};
 
 /// Joint covariance of poses by their left perturbations \\( \xi \\), translation before rotation in radians, as of 30 independent matches
-/// of each photograph at most, since lens and shutter have errors that neighbours share.
+/// for every 12 photographs at most, since lens and shutter have errors that neighbours share.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PoseCovariance {
     /// The group of each pose and its first row there; nothing for a pose that is kept, or that too few matches determine.

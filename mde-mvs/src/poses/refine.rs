@@ -50,8 +50,8 @@ const MOVED: f64 = 0.5;
 pub struct Refined {
     /// One per photograph, in the order given. The reference's pose is unchanged; all are where [`accepted`](Self::accepted) is false.
     pub photographs: Vec<EstimatedPose>,
-    /// Covariance of their poses by the matches and the deviations that are allowed, also of poses that are kept: exact for the reference
-    /// and with fewer than 20 tracks. Of a long capture neighbours are of one group.
+    /// Covariance of their poses by the matches and the deviations that are allowed, of poses that are kept by .3 of the largest: exact for
+    /// the reference and with fewer than 20 tracks. Of a long capture groups of 12 neighbours are independent.
     pub covariance: PoseCovariance,
     /// Whether withheld matches fit better with refined poses.
     pub accepted: bool,
