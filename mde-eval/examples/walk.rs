@@ -26,12 +26,14 @@ fn place(path: &str, share: f64) -> Option<[[f64; 3]; 2]> {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let usage = "give ROOM PATH COUNT FOLDER";
+    let usage = "give ROOM walk|into|orbit|around|turn COUNT FOLDER";
     let [room, path, count, folder] = &std::env::args().skip(1).collect::<Vec<_>>()[..] else {
         return Err(usage.into());
     };
     let room = Room::ALL.into_iter().find(|one| one.to_string() == *room).ok_or(usage)?;
     let (world, count) = (World::new(room, 0)?, count.parse::<usize>()?);
+    let places = (0..count).map(|index| place(path, index as f64 / count as f64));
+    let places = places.collect::<Option<Vec<_>>>().ok_or(usage)?;
     let camera = world.camera(540, 360)?;
     // The room's own camera looks down by 12 degrees.
     let level = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 12_f64.to_radians());
@@ -39,9 +41,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let in_room = |[right, forward, up]: [f64; 3]| level * Point3::new(right, -up, forward);
     ["images", "depth"].iter().try_for_each(|part| fs::create_dir_all(format!("{folder}/{part}")))?;
     let mut frames = Vec::new();
-    for index in 0..count {
+    for (index, [eye, mut aim]) in places.into_iter().enumerate() {
         let mut rng = CounterRng::new(0, "walk", 0, index as u64);
-        let [eye, mut aim] = place(path, index as f64 / count as f64).ok_or(usage)?;
         aim.iter_mut().for_each(|x| *x += rng.random_range(-0.1..0.1));
         let [eye, aim] = [eye, aim].map(in_room);
         // y up and z backward, as nerfstudio has its cameras.
