@@ -27,11 +27,13 @@ pub(super) fn change(
 ) -> Array2<f32> {
     let (height, width) = prediction.dim();
     let cells = (CELLS.min(height), CELLS.min(width));
+    // Without their means, with which the squares' differences would cancel in f32.
+    let [prediction, map] = [prediction, map].map(|values| &values - values.mean().unwrap_or(0.0));
     let smooth = |map: Array2<f32>| {
         let [down, along] = [cells.0, cells.1].map(|side| window * side as f64);
         blurred(map.view(), down, along)
     };
-    let [l, c, ll, cc, lc] = block_moments(prediction, map, cells).map(smooth);
+    let [l, c, ll, cc, lc] = block_moments(prediction.view(), map.view(), cells).map(smooth);
     let mut slope = Array2::zeros(cells);
     Zip::indexed(&mut slope).for_each(|at, slope| {
         let variance_l = (ll[at] - l[at] * l[at]).max(0.0) + EPSILON;
@@ -48,7 +50,7 @@ pub(super) fn change(
         resize(smooth.view(), (height, width), Filter::Bilinear)
     };
     let (slope, offset) = (per_pixel(slope), per_pixel(offset));
-    let pixels = Zip::from(&slope).and(&offset).and(prediction).and(map);
+    let pixels = Zip::from(&slope).and(&offset).and(&prediction).and(&map);
     pixels.map_collect(|a, b, l, c| a * l + b - c)
 }
 
