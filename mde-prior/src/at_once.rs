@@ -1,26 +1,30 @@
 //! Predictions side by side.
 
-use crate::{DepthPrior, PriorDepth, Result};
+use crate::{DepthPrior, Error, PriorDepth, Result};
 use ndarray::ArrayView3;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::ops::ControlFlow;
 
-/// Predicts every image and passes the predictions to `take` in the order of the images, until `take` returns `Break`, which is
-/// returned too.
+/// Predicts every image and passes the predictions to `take` in the order of the images, or [`Error::Empty`] for one without a usable
+/// pixel, until `take` returns `Break`, which is returned too.
 ///
 /// As many run at once as the model [allows](DepthPrior::concurrency) and there are threads, and no more than `at_once`, 1 or more. The
 /// predictions do not depend on it.
 ///
 /// # Errors
-/// The error of the first prediction that fails, in the order of the images.
+/// The first other error, in the order of the images.
 pub fn predict_each(
     model: &dyn DepthPrior,
     images: &[ArrayView3<'_, f32>],
     at_once: Option<usize>,
-    take: impl FnMut(PriorDepth) -> ControlFlow<()>,
+    take: impl FnMut(Result<PriorDepth>) -> ControlFlow<()>,
 ) -> Result<ControlFlow<()>> {
-    AtOnce::new(model.concurrency(), at_once).in_order(images, |image| model.predict(image.view()), take)
+    let predict = |image: &ArrayView3<'_, f32>| match model.predict(image.view()) {
+        Err(error) if !matches!(error, Error::Empty(_)) => Err(error),
+        prediction => Ok(prediction),
+    };
+    AtOnce::new(model.concurrency(), at_once).in_order(images, predict, take)
 }
 
 /// Tasks side by side.

@@ -15,48 +15,46 @@ use ndarray::{ArcArray2, Array2, Array3};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
-/// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map. As many run at
-/// once as the prior and the limits of the stages allow; the depths do not depend on it.
+/// One prediction per photograph that has a usable one, `[height, width]`, 0 where missing; of the reference alone for a prior that is a
+/// map. As many run at once as the prior and the limits of the stages allow; the depths do not depend on it.
 pub(super) fn predict(
     scene: &Scene,
     stages: &Stages<'_>,
     config: &Config,
     mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<Option<ArcArray2<f32>>>> {
-    let prior = stages.prior;
     let count = scene.photographs.len();
-    let every = prior.accepts_new_images();
+    let every = stages.prior.accepts_new_images();
     let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.first()).collect();
     let (mut depths, mut done, mut fault) = (vec![None; count], 0, None);
     for part in wanted.chunks(RECENT) {
         let images = part.par_iter().map(|&index| scene.photographs[index].image.read());
         let images = images.collect::<mde_prior::Result<Vec<_>>>()?;
         let views: Vec<_> = images.iter().map(|image| image.view()).collect();
-        let flow = predict_each(prior, &views, stages.at_once, |prediction| {
+        let flow = predict_each(stages.prior, &views, stages.at_once, |prediction| {
             let index = wanted[done];
-            done += 1;
             let factor = stages.factors.get(index).copied().unwrap_or(1.0);
-            let depth = prediction.to_depth(&config.disparity).map(|depth| depth.mapv_into(|z| factor * z));
-            let checked = depth.map_err(Error::from).and_then(|depth| {
+            let depth = prediction.and_then(|prediction| prediction.to_depth(&config.disparity));
+            let checked = depth.map_err(Error::from).and_then(|mut depth| {
+                depth.mapv_inplace(|z| factor * z);
                 check_prior(depth.view(), scene.photographs[index].size())?;
                 Ok(depth)
             });
             match checked {
                 Ok(depth) => depths[index] = Some(shared(depth, &depths[..index])),
-                Err(error) if index == scene.first() => {
-                    fault = Some(error);
-                    return ControlFlow::Break(());
-                }
-                // The reference's depth takes its place.
-                Err(_) => {}
+                Err(error) => _ = fault.get_or_insert(error),
             }
+            done += 1;
             progress(done, wanted.len())
         })?;
         if flow.is_break() {
-            return Err(fault.unwrap_or(Error::Interrupted));
+            return Err(Error::Interrupted);
         }
     }
-    Ok(depths)
+    match fault {
+        Some(fault) if depths.iter().all(Option::is_none) => Err(fault),
+        _ => Ok(depths),
+    }
 }
 
 /// A depth, in the memory of the one before it where they are the same, as without a network.
@@ -65,16 +63,17 @@ fn shared(depth: Array2<f32>, before: &[Option<ArcArray2<f32>>]) -> ArcArray2<f3
     same.cloned().unwrap_or_else(|| depth.into_shared())
 }
 
-/// The prior of a posed view in the unit of the poses. One without a prediction has the reference's, warped, or where that shows nothing of
-/// it, the reference's median everywhere.
+/// The prior of a posed view in the unit of the poses. One without a prediction has that of the first with one, warped, or where that
+/// shows nothing of it, its median everywhere.
 pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<ArcArray2<f32>>], view: usize) -> Array2<f32> {
     let scaled =
         |depth: &ArcArray2<f32>| depth.mapv(|z| (f64::from(z) * posed.unit * posed.own[view]) as f32);
-    let (from, to) = (&posed.views[0], &posed.views[view]);
     if let Some(depth) = &priors[posed.order[view]] {
         return scaled(depth);
     }
-    let reference = priors[posed.order[0]].as_ref().map(scaled).unwrap_or_default();
+    let first = (0..posed.views.len()).find(|first| priors[posed.order[*first]].is_some()).unwrap_or(0);
+    let (from, to) = (&posed.views[first], &posed.views[view]);
+    let reference = priors[posed.order[first]].as_ref().map(scaled).unwrap_or_default();
     let middle = median(reference.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z))).unwrap_or(1.0) as f32;
     let variance = reference.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
     let config = WarpConfig::default();

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Predicts the first red value, refuses what is black, and counts what runs at once.
+/// Predicts the first red value, has nothing for black, refuses less, and counts what runs at once.
 #[derive(Default)]
 struct Red {
     running: AtomicUsize,
@@ -20,10 +20,10 @@ impl DepthPrior for Red {
         // The first take longest.
         std::thread::sleep(Duration::from_millis((20.0 / red.max(1.0)) as u64));
         self.running.fetch_sub(1, Ordering::SeqCst);
-        match red > 0.0 {
-            true => PriorDepth::from_values(image.slice(s![.., .., 0]).to_owned(), DepthKind::Metric),
-            false => Err(Error::Input("black".to_owned())),
+        if red < 0.0 {
+            return Err(Error::Input("less than black".to_owned()));
         }
+        PriorDepth::from_values(image.slice(s![.., .., 0]).to_owned(), DepthKind::Metric)
     }
     fn concurrency(&self) -> usize {
         usize::MAX
@@ -37,7 +37,7 @@ fn run(reds: &[f32], at_once: Option<usize>, stop_after: usize) -> (Result<bool>
     let threads = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let done = threads.install(|| {
         predict_each(&model, &views, at_once, |prediction| {
-            taken.push(prediction.map[(0, 0)]);
+            taken.push(prediction.map_or(0.0, |prediction| prediction.map[(0, 0)]));
             if taken.len() < stop_after { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         })
     });
@@ -58,6 +58,6 @@ fn predictions_come_in_the_order_of_the_images_however_many_run_at_once() {
 fn a_break_and_an_error_end_them() {
     let (done, taken, _) = run(&[1.0, 2.0, 3.0, 4.0, 5.0], None, 2);
     assert!(done.unwrap() && taken == [1.0, 2.0]);
-    let (done, taken, _) = run(&[1.0, 0.0, 3.0], None, usize::MAX);
-    assert!(done.is_err() && taken == [1.0]);
+    let (done, taken, _) = run(&[1.0, 0.0, -1.0, 3.0], None, usize::MAX);
+    assert!(done.is_err() && taken == [1.0, 0.0]);
 }

@@ -153,8 +153,8 @@ fn no_byte_depends_on_the_number_of_threads() {
     let predicted = |threads: usize, at_once: Option<usize>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut maps = Vec::new();
-        let take = |prediction: PriorDepth| {
-            maps.push(prediction.map);
+        let take = |prediction: mde_prior::Result<PriorDepth>| {
+            maps.push(prediction.unwrap().map);
             ControlFlow::Continue(())
         };
         _ = pool.install(|| predict_each(&prior, &views, at_once, take)).unwrap();
