@@ -51,10 +51,9 @@ pub(super) fn predict(
             return Err(Error::Interrupted);
         }
     }
-    match fault {
-        Some(fault) if depths.iter().all(Option::is_none) => Err(fault),
-        _ => Ok(depths),
-    }
+    let named = scene.reference.map(|index| depths[index].is_none());
+    let missing = named.unwrap_or_else(|| depths.iter().all(Option::is_none));
+    fault.filter(|_| missing).map_or(Ok(depths), Err)
 }
 
 /// A depth, in the memory of the one before it where they are the same, as without a network.
