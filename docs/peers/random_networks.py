@@ -23,6 +23,8 @@ import torch
 import transformers
 from transformers import BeitConfig, Dinov2Config
 
+# Gain of the random weights, below 1 so that no activation overflows.
+GAIN = 0.8
 IMAGENET = {"image_mean": [0.485, 0.456, 0.406], "image_std": [0.229, 0.224, 0.225]}
 HALF = {"image_mean": [0.5, 0.5, 0.5], "image_std": [0.5, 0.5, 0.5]}
 
@@ -146,6 +148,11 @@ def export(name, folder):
     torch.manual_seed(0)
     network, preprocessor, (height, width) = NETWORKS[name]()
     network.eval()
+    # With the weights that Transformers draws, of a deviation of .02, depths differ by little more than a float's resolution.
+    with torch.no_grad():
+        for parameter in network.parameters():
+            if parameter.dim() > 1:
+                torch.nn.init.kaiming_normal_(parameter).mul_(GAIN)
     folder.mkdir(parents=True, exist_ok=True)
     network.config.save_pretrained(folder)
     document = {"do_normalize": "image_mean" in preprocessor, **preprocessor}

@@ -47,9 +47,8 @@ pub(crate) fn run(
 ) -> Result<()> {
     let settings = job.refiner.settings();
     let (size, count) = (scene.photographs.first().map(Photograph::size), scene.photographs.len());
-    let priors = job.refiner.priors(count);
     let surface = job.export.contains(&Format::Mesh);
-    let gathered = |pixels| plan.shared.saturating_add(gathered_bytes(pixels, count as u64, priors, surface));
+    let gathered = |pixels| plan.shared.saturating_add(gathered_bytes(pixels, count as u64, surface));
     settings.memory.check(&format!("{count} photographs"), size.unwrap_or_default(), gathered)?;
     let _folder = OpenFolder::open(output, args.shard.is_some())?;
     // What is made of all photographs changes none of them.
@@ -113,8 +112,13 @@ pub(crate) fn run(
     if args.shard.is_some() {
         return finish(&rows, output, None, &Document::default(), &more, json!({}), progress);
     }
-    // The maps of all take the place of the sweeps.
-    let prepared = prepared.once();
+    let input = args.capture.display().to_string();
+    let Some(poses) = prepared.several().map(|several| several.report().clone()) else {
+        bail!("{input}: one photograph; give two or more of one place")
+    };
+    let (camera, unit) = (prepared.camera(), prepared.unit());
+    // The maps of all take the place of priors and sweeps.
+    drop(prepared);
     rows.extend(scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error)));
     let pixels: usize = placed.iter().map(|(_, camera, _)| camera.width * camera.height).sum();
     let share = (pixels as f64 / MOST_GATHERED).sqrt().max(1.0);
@@ -148,28 +152,23 @@ pub(crate) fn run(
         sigma: sigma.view(),
     });
     let views: Vec<_> = views.collect();
-    let points = write_all(output, (&positions, &views), prepared.unit(), job.export)?;
+    let points = write_all(output, (&positions, &views), unit, job.export)?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(output, &rows)?.as_bytes())?;
-    let input = args.capture.display().to_string();
-    let Some(several) = prepared.several() else {
-        bail!("{input}: one photograph; give two or more of one place")
-    };
-    let camera = prepared.camera();
     let record = EveryRecord {
         about: About {
             warnings: &progress.warnings,
             total_seconds: progress.seconds(),
             ..about("dense", input, &camera, Some(settings), progress)
         },
-        unit: prepared.unit(),
+        unit,
         photographs: &rows,
-        poses: several.report(),
+        poses: &poses,
         points,
         prior_seconds,
     };
     write_json(&output.join(RECORD), &record)?;
     let tables = Document { blocks: vec![Block::Table(table(&rows))] };
-    let (camera, unit, poses) = (flags(&camera.title()), prepared.unit(), poses_of(several.report()));
+    let (camera, poses) = (flags(&camera.title()), poses_of(&poses));
     let more = format!("camera: {camera}\nunit: {unit}; {poses}\n{points} points in {CLOUD}\n{more}");
     finish(&rows, output, Some(INDEX), &tables, &more, json!({ "points": points }), progress)?;
     let alone = rows.iter().find_map(|row| row.reason.clone()).filter(|_| placed.is_empty());

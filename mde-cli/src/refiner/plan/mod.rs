@@ -60,13 +60,13 @@ pub fn scene_bytes(pixels: u64, photographs: u64, priors: u64, threads: u64, con
 }
 
 /// Estimate of the bytes that the files of a whole capture need beside a network once all is refined, with one surface or without.
-pub fn gathered_bytes(pixels: u64, photographs: u64, priors: u64, surface: bool) -> u64 {
+pub fn gathered_bytes(pixels: u64, photographs: u64, surface: bool) -> u64 {
     let [all, further] =
         [photographs, photographs.saturating_sub(RECENT as u64)].map(|n| n as f64 * pixels as f64);
     // Beside the colours in memory those of the others, or smaller ones of all.
     let colours = if all > MOST_GATHERED { MOST_GATHERED } else { further };
     let maps = GATHERED * all.min(MOST_GATHERED) + PHOTOGRAPH * colours;
-    (BASE + held(photographs, priors) * pixels as f64 + maps + if surface { SURFACE } else { 0.0 }) as u64
+    (BASE + held(photographs, 0) * pixels as f64 + maps + if surface { SURFACE } else { 0.0 }) as u64
 }
 
 /// Bytes per pixel of the photographs and the priors of a capture; of those of files the last are in memory.
@@ -196,12 +196,12 @@ mod tests {
         for (size, count, surface, measured) in
             [(320 * 240, 15, false, 67.7), (320 * 240, 15, true, 235.0), (640 * 480, 60, false, 689.3)]
         {
-            let ratio = gathered_bytes(size, count, 1, surface) as f64 / (measured * MIB);
+            let ratio = gathered_bytes(size, count, surface) as f64 / (measured * MIB);
             assert!((1.0..1.25).contains(&ratio), "{ratio}");
         }
-        // Of a long capture without a network.
+        // Of a long capture with a network.
         let config = Preset::MultiView.config();
-        let long = [scene_bytes(1_000_000, 300, 1, 2, &config), gathered_bytes(1_000_000, 300, 1, false)];
+        let long = [scene_bytes(1_000_000, 300, 300, 2, &config), gathered_bytes(1_000_000, 300, false)];
         assert!(long.iter().all(|bytes| *bytes < 2 << 30), "{long:?}");
     }
 
