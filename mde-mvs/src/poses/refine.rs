@@ -34,9 +34,9 @@ const CENTRE_SIGMA: f64 = 0.01;
 
 /// Features of a photograph in which those of the same scene find matches.
 const PLENTY: usize = 200;
-/// Least share of a photograph's matches that fit its pose. In small photographs more than half can be wrong (15 of 28 at 96x72);
-/// with a pose of another place nearly all are (38 of 38).
-const LEAST_AGREEING: f64 = 0.25;
+/// Least share of a photograph's matches that fit its pose. Of exchanged poses .06 do by chance; of exact ones 30 degrees apart, where most
+/// matches are a pattern's repetitions, .11 and more.
+const LEAST_AGREEING: f64 = 0.1;
 /// The same of matches whose keypoint a third photograph shows, as a share of what is typical of the capture. On 13 captures .79 and more
 /// fit right poses, less than .35 most that are exchanged or 10 m off.
 const LEAST_CONSISTENT: f64 = 0.5;
@@ -69,9 +69,10 @@ pub struct Refined {
 /// that is not left out.
 ///
 /// Neighbours are matched: all with all up to 12 photographs, of more each with 6 that are near it and look the same way, by half as
-/// many features. A photograph of whose matches less than a quarter fits its pose, or that has features but no matches, is left out
-/// ([`Verdict::Contradicted`], [`Verdict::Unmatched`]), the worst first, since the others are judged again without it. Where it has 20
-/// matches with points that a third photograph shows, these decide, by the depths that they give: half of the capture's usual share.
+/// many features. A photograph of whose matches less than a tenth fits its pose, by more than a standard error, or that has features but no
+/// matches, is left out ([`Verdict::Contradicted`], [`Verdict::Unmatched`]), the worst first, since the others are judged again without it.
+/// Where it has 20 matches with points that a third photograph shows, these decide, by the depths that they give: half of the capture's
+/// usual share.
 ///
 /// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
 /// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
@@ -178,7 +179,8 @@ impl Capture<'_> {
             }
             let least = typical.filter(|_| is_enough(v)).map_or(0.0, |typical| LEAST_CONSISTENT * typical);
             let counts @ [matches, agreeing] = if is_enough(v) { consistent[v] } else { found[v] };
-            let share = share(counts) / LEAST_AGREEING.max(least);
+            let share = share(counts);
+            let share = (share + (share * (1.0 - share) / matches as f64).sqrt()) / LEAST_AGREEING.max(least);
             (share < 1.0).then_some((share, Verdict::Contradicted { matches, agreeing }))
         };
         let doubtful = posed.iter().filter_map(|&v| Some((v, of(v)?)));
