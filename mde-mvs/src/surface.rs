@@ -60,8 +60,7 @@ struct Voxel {
 
 /// The surface of the depths of photographs: truncated signed distances along their rays (Curless and Levoy, 1996), fused in each voxel by
 /// precision, \\( d = \sum_v d_v / \sigma_v^2 / \sum_v 1 / \sigma_v^2 \\) (Eq. 7), where the square of half a voxel is added to
-/// \\( \sigma_v^2 \\), and its zero by surface nets. Depths of which sigma is above 6 % have no part in it, and of several photographs two
-/// have to show a voxel.
+/// \\( \sigma_v^2 \\), and its zero by surface nets. Depths with a sigma above 6 % have no part; of several photographs two have to show a voxel.
 ///
 /// The variance of a vertex is the harmonic mean of those of its photographs, which share matches and poses, so that their number proves
 /// nothing. The box of the depths has at most 4 million voxels.

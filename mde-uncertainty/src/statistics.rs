@@ -90,8 +90,7 @@ pub fn average_ranks(values: &[f64]) -> Result<Vec<f64>> {
 ///
 /// \\[ \rho = \frac{\sum_i (r_i - \bar r)(s_i - \bar s)}{\sqrt{\sum_i (r_i - \bar r)^2 \sum_i (s_i - \bar s)^2}} \\]
 ///
-/// `None` where one side is constant or there are fewer than two values. Invariant under strictly increasing maps of
-/// either side.
+/// `None` where one side is constant or has fewer than two values. Invariant under strictly increasing maps of either side.
 ///
 /// # Errors
 /// [`Error::Length`] where the lists differ in length, [`Error::Value`] for a NaN.

@@ -44,8 +44,7 @@ impl Job<'_> {
         progress: &mut Progress,
     ) -> Result<Option<String>> {
         let mut prepared = self.refiner.prepare(scene, plan, progress)?.once();
-        let (refined, scores) =
-            self.produce(&mut prepared, scene.first(), input, folder, progress, |_, _, _| Ok(()))?;
+        let (refined, scores) = self.produce(&mut prepared, 0, input, folder, progress, |_, _, _| Ok(()))?;
         let table = scores.as_ref().map(|scores| scores.table().text() + "\n").unwrap_or_default();
         let mut gained = summary::summary(&refined);
         if let Some(interval) = &refined.stated.interval {

@@ -139,5 +139,5 @@ pub fn scene_of(
     let alone = copies.iter().filter(|other| other.is_none()).count() < 2;
     let kept: Vec<bool> = copies.iter().map(|other| alone || other.is_none()).collect();
     let photographs = photographs.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(one, _)| one);
-    Ok((Scene { unreadable, ..Scene::several(photographs.collect(), 0)? }, kept))
+    Ok((Scene { unreadable, ..Scene::several(photographs.collect())? }, kept))
 }

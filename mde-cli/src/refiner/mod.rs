@@ -258,7 +258,7 @@ impl<'p> Refiner<'p> {
         plan: &Plan,
         seen: &mut dyn Observer,
     ) -> Result<Prepared<'s>> {
-        let Some(first) = scene.photographs.get(scene.first()) else {
+        let Some(first) = scene.photographs.first() else {
             return Err(Error::Argument("there is no photograph; give one".to_owned()));
         };
         let (prior, camera) = self.bind(first, scene.is_several(), seen)?;
@@ -319,7 +319,7 @@ impl<'s> Prepared<'s> {
             let reason = format!("photograph {photograph} of {}", scene.photographs.len());
             return Err(Error::Capture { reason, remedy: "give the index of one of them" });
         };
-        let mut camera = if photograph == scene.first() { self.camera.clone() } else { shown.camera.clone() };
+        let mut camera = if photograph == 0 { self.camera.clone() } else { shown.camera.clone() };
         let config = &refiner.settings.config;
         let mut stages = Stages::new(&*prior).with_predictions_at_once(self.parallel_predictions);
         if let Some(factory) = field {
@@ -350,11 +350,10 @@ impl<'s> Prepared<'s> {
     /// # Errors
     /// The error of the prior, and [`Error::Prior`] for disparities without a depth.
     pub fn prior_depth(&self) -> Result<Array2<f32>> {
-        let reference = self.scene.first();
-        if let Some(depth) = self.several.as_ref().and_then(|several| several.prior_depth(reference)) {
+        if let Some(depth) = self.several.as_ref().and_then(|several| several.prior_depth(0)) {
             return Ok(depth.to_owned());
         }
-        let image = self.scene.photographs[reference].image.read()?;
+        let image = self.scene.photographs[0].image.read()?;
         Ok(self.prior.predict(image.view())?.to_depth(&self.refiner.settings.config.disparity)?)
     }
 
@@ -385,7 +384,7 @@ impl<'s> Prepared<'s> {
     /// # Errors
     /// The error of the prior or of a warp.
     pub fn synthetic_views(&self) -> Result<(Vec<PosedView>, WarpReport)> {
-        let photograph = &self.scene.photographs[self.scene.first()];
+        let photograph = &self.scene.photographs[0];
         let depth = self.prior_depth()?;
         crate::refinement::check_prior(depth.view(), photograph.size())?;
         let config = &self.refiner.settings.config;

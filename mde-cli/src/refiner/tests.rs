@@ -95,7 +95,7 @@ fn still(room: &Capture) -> Scene {
     let mut photographs = photographs(room, false);
     photographs.truncate(2);
     photographs[1].image = photographs[0].image.clone();
-    Scene::several(photographs, 0).unwrap()
+    Scene::several(photographs).unwrap()
 }
 
 #[test]
@@ -106,7 +106,7 @@ fn several_photographs_have_neither_the_intervals_nor_the_scale_of_one() {
     let error_bar = crate::refiner::error_bar::ErrorBar::open(Some(0.5), None).unwrap();
     let settings = Settings { error_bar, ..settings() };
     let refiner = Refiner::new(&prior, settings).unwrap();
-    let several = Scene::several(photographs(&room, true), 0).unwrap();
+    let several = Scene::several(photographs(&room, true)).unwrap();
     let found = refined(&refiner, &several, 0, &mut Silent);
     let capture = found.refinement.capture.as_ref().unwrap();
     assert!(capture.fallback.is_none(), "{capture:?}");
@@ -148,7 +148,7 @@ fn each_photograph_has_its_own_camera() {
     let prior = network(Some(&room), 0, |origin| origin.model = Some(spec));
     let mut photographs = photographs(&room, true);
     photographs[1].camera.camera.fx *= 2.0;
-    let scene = Scene::several(photographs.clone(), 0).unwrap();
+    let scene = Scene::several(photographs.clone()).unwrap();
     let refiner = Refiner::new(&prior, settings()).unwrap();
     let plan = refiner.plan("test", (SIZE[1], SIZE[0]), 3).unwrap();
     let prepared = refiner.prepare(&scene, &plan, &mut Silent).unwrap();

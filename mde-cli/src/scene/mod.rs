@@ -101,8 +101,8 @@ impl Photograph {
 pub struct Scene {
     /// One, or several: all with a pose or all without.
     pub photographs: Vec<Photograph>,
-    /// Index of the photograph that is refined, whose frame is that of the poses. Without it each is: a photograph with a pose takes its place.
-    pub reference: Option<usize>,
+    /// Whether each photograph is refined, in the frame of any with a pose; else the first is, in its own.
+    pub every: bool,
     /// Points that the reference shows, such as COLMAP's, in the world of the poses. 16 or more give the scale between poses and prior,
     /// which the sweeps find otherwise. Not used without poses.
     pub points: Vec<Point3<f64>>,
@@ -120,19 +120,14 @@ impl Scene {
         Self { photographs: vec![photograph], ..Self::default() }
     }
 
-    /// Two or more photographs, one of which is refined.
+    /// Two or more photographs, of which the first is refined.
     ///
     /// # Errors
     /// [`Error::Capture`] with the photograph at fault and the remedy.
-    pub fn several(photographs: Vec<Photograph>, reference: usize) -> Result<Self> {
-        let scene = Self { photographs, reference: Some(reference), ..Self::default() };
+    pub fn several(photographs: Vec<Photograph>) -> Result<Self> {
+        let scene = Self { photographs, ..Self::default() };
         scene.validate()?;
         Ok(scene)
-    }
-
-    /// Index of the photograph that is refined; 0 where each is.
-    pub fn first(&self) -> usize {
-        self.reference.unwrap_or(0)
     }
 
     /// Whether there is more than one photograph.
@@ -145,13 +140,12 @@ impl Scene {
         self.is_several() && self.photographs.iter().all(|photograph| photograph.pose.is_some())
     }
 
-    /// Checks several photographs: their number, the reference, names, sizes, cameras and poses.
+    /// Checks several photographs: their number, names, sizes, cameras and poses.
     pub(crate) fn validate(&self) -> Result<()> {
         let fault = |reason: String, remedy: &'static str| Err(Error::Capture { reason, remedy });
         let count = self.photographs.len();
-        if count < 2 || self.first() >= count {
-            let reason = format!("{count} photographs, reference {}", self.first());
-            return fault(reason, "give two or more, and a reference among them");
+        if count < 2 {
+            return fault(format!("{count} photographs"), "give two or more");
         }
         let posed = self.photographs.iter().filter(|photograph| photograph.pose.is_some()).count();
         if posed != 0 && posed != count {
@@ -195,7 +189,6 @@ impl Scene {
             hasher.update(photograph.name.as_bytes());
             hasher.update(&[0, u8::from(photograph.camera.is_assumed())]);
         }
-        hasher.update(&self.first().to_le_bytes());
         Ok(format!("{:08x}", hasher.finalize()))
     }
 }

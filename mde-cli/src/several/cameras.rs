@@ -69,11 +69,11 @@ pub(super) fn posed(
     let (inputs, energies) = prepared.collect::<Result<(Vec<_>, Vec<_>)>>()?;
     let seed = derived_seed(config.seed, "poses", 0);
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
-    let mut depths = Vec::new();
+    let (mut depths, reference) = (Vec::new(), (!scene.every).then_some(0));
     let (mut found, covariance) = if let Some(given) = given {
-        let world = given[scene.first()].inverse();
+        let world = given[0].inverse();
         let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-        let refined = refine_poses(&inputs, &given, scene.reference, seed, matched)?;
+        let refined = refine_poses(&inputs, &given, reference, seed, matched)?;
         report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
         report.withheld_pixels = refined.withheld;
         let moved = refined.moved.iter().map(|&index| scene.photographs[index].name.clone());
@@ -81,7 +81,7 @@ pub(super) fn posed(
         depths = refined.depths;
         (refined.photographs, refined.covariance)
     } else {
-        let estimated = estimate_poses(&inputs, scene.reference, seed, matched)?;
+        let estimated = estimate_poses(&inputs, reference, seed, matched)?;
         report.poses = PoseSource::Estimated;
         report.focal_factor = Some(estimated.focal_factor);
         report.focal_sigma = estimated.focal_sigma;
@@ -91,8 +91,7 @@ pub(super) fn posed(
     for (photograph, found) in report.photographs.iter_mut().zip(&found) {
         (photograph.verdict, photograph.matches) = (found.verdict.to_string(), Some(found.matches));
     }
-    let reference = found.iter().position(|found| found.verdict == Verdict::Reference);
-    let reference = reference.unwrap_or(scene.first());
+    let reference = found.iter().position(|found| found.verdict == Verdict::Reference).unwrap_or(0);
     report.photographs[reference].used = true;
     let verdict = &found[reference].verdict;
     if !verdict.has_pose() {
@@ -114,7 +113,7 @@ pub(super) fn posed(
         report.fallback = Some(report.verdicts(reference));
         return Ok(None);
     }
-    let world = found[reference].pose.filter(|_| reference != scene.first()).map(|pose| pose.inverse());
+    let world = found[reference].pose.filter(|_| reference != 0).map(|pose| pose.inverse());
     let moved = found.iter_mut().filter_map(|one| one.pose.as_mut().zip(world));
     moved.for_each(|(pose, world)| *pose *= world);
     let unit = unit_of(&depths, priors[reference].as_ref());

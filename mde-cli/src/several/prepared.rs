@@ -122,7 +122,7 @@ impl<'s> PreparedScene<'s> {
 
     /// Index of the photograph whose frame is that of the poses.
     pub fn reference(&self) -> usize {
-        self.posed.as_ref().map_or(self.scene.first(), |posed| posed.order[0])
+        self.posed.as_ref().map_or(0, |posed| posed.order[0])
     }
 
     /// The camera of a photograph, with the estimated focal length where that was assumed; none for an index that is none of them.
@@ -326,10 +326,7 @@ impl<'s> PreparedScene<'s> {
 
 /// The scale by the points that the first photograph shows, where it is the reference.
 fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<ArcArray2<f32>>]) -> Result<Option<Scale>> {
-    let first = scene.first();
-    let Some(pose) = scene.photographs[first].pose.filter(|_| posed.order[0] == first) else {
-        return Ok(None);
-    };
+    let Some(pose) = scene.photographs[0].pose.filter(|_| posed.order[0] == 0) else { return Ok(None) };
     // The posed views have the reference's frame for their world.
     let points: Vec<Point3<f64>> = scene.points.iter().map(|point| pose * point).collect();
     let prior = priors::in_unit_of_poses(posed, priors, 0);

@@ -15,7 +15,7 @@ use ndarray::{ArcArray2, Array2, Array3};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
-/// One prediction per photograph that has a usable one, `[height, width]`, 0 where missing; of the reference alone for a prior that is a
+/// One prediction per photograph that has a usable one, `[height, width]`, 0 where missing; of the first alone for a prior that is a
 /// map. As many run at once as the prior and the limits of the stages allow; the depths do not depend on it.
 pub(super) fn predict(
     scene: &Scene,
@@ -25,7 +25,7 @@ pub(super) fn predict(
 ) -> Result<Vec<Option<ArcArray2<f32>>>> {
     let count = scene.photographs.len();
     let every = stages.prior.accepts_new_images();
-    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.first()).collect();
+    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == 0).collect();
     let (mut depths, mut done, mut fault) = (vec![None; count], 0, None);
     for part in wanted.chunks(RECENT) {
         let images = part.par_iter().map(|&index| scene.photographs[index].image.read());
@@ -51,8 +51,7 @@ pub(super) fn predict(
             return Err(Error::Interrupted);
         }
     }
-    let named = scene.reference.map(|index| depths[index].is_none());
-    let missing = named.unwrap_or_else(|| depths.iter().all(Option::is_none));
+    let missing = if scene.every { depths.iter().all(Option::is_none) } else { depths[0].is_none() };
     fault.filter(|_| missing).map_or(Ok(depths), Err)
 }
 

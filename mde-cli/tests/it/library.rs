@@ -77,7 +77,7 @@ pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
             KnownCamera { camera: known.view.camera, source: CameraSource::Scene },
         )
     });
-    let scene = Scene::several(photographs.collect(), 0).unwrap();
+    let scene = Scene::several(photographs.collect()).unwrap();
     let known = rendered.views.iter().map(|v| (v.view.image.to_owned(), v.prior.clone().unwrap())).collect();
     (scene, Known(known))
 }
@@ -89,7 +89,7 @@ pub(crate) fn refine_several(
     config: &Config,
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
-    PreparedScene::new(scene, &stages, config, callback)?.refine(scene.first(), stages, callback)
+    PreparedScene::new(scene, &stages, config, callback)?.refine(0, stages, callback)
 }
 
 /// Goes on at every event.

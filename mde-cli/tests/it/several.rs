@@ -118,7 +118,7 @@ fn points_of_the_capture_give_its_scale() {
     let room = rendered(Room::Study, 3, SIZE);
     let (mut capture, prior) = inputs(&room, true);
     let config = short("refinement.iterations = 0\n");
-    let Photograph { camera, pose, .. } = capture.photographs[capture.first()].clone();
+    let Photograph { camera, pose, .. } = capture.photographs[0].clone();
     let back = pose.unwrap().inverse();
     let points = room.truth.indexed_iter().step_by(97).filter(|(_, z)| **z > 0.0);
     capture.points = points
@@ -165,7 +165,7 @@ fn the_printed_fusion_is_there_with_several_photographs() {
     let alone =
         refine_several(&capture, Stages::new(&prior).with_fuser(&FieldAlone), &config, &mut go_on).unwrap();
     let rendered = alone.field.unwrap().render(
-        &capture.photographs[capture.first()].camera.camera,
+        &capture.photographs[0].camera.camera,
         &Pose::identity(),
         &mut |_: &mde_cli::mde_nerf::FieldEvent| ControlFlow::Continue(()),
     );
@@ -179,7 +179,6 @@ fn captures_that_are_none_are_refused_by_name() {
     let (capture, prior) = inputs(&rendered(Room::Study, 3, [64, 48]), true);
     for (change, named) in [
         (&(|s: &mut Scene| s.photographs.truncate(1)) as &dyn Fn(&mut Scene), "two or more"),
-        (&|s: &mut Scene| s.reference = Some(9), "reference 9"),
         (&|s: &mut Scene| s.photographs[1].pose = None, "2 of 3 photographs have a pose"),
         (&|s: &mut Scene| s.photographs[1].name = "photograph 0".to_owned(), "photograph 0"),
         (&|s: &mut Scene| s.photographs[2].image = Array3::zeros((4, 4, 3)).into(), "photograph 2"),

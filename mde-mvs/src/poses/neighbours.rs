@@ -133,8 +133,7 @@ mod tests {
     }
 
     proptest! {
-        /// A walk, a third of it the way back: pairs grow linearly, every photograph is in one window, and none is matched with what
-        /// is behind it.
+        /// A walk, a third of it the way back: pairs grow linearly, every photograph is in one window, none is matched with one behind.
         #[test]
         fn pairs_are_near_and_few(count in 13..80_usize) {
             let turned = |i: usize| i > 2 * count / 3;

@@ -71,8 +71,7 @@ pub struct Refined {
 /// Neighbours are matched: all with all up to 12 photographs, of more each with 6 that are near it and look the same way, by half as
 /// many features. A photograph of whose matches less than a tenth fits its pose, by more than a standard error, or that has features but no
 /// matches, is left out ([`Verdict::Contradicted`], [`Verdict::Unmatched`]), the worst first, since the others are judged again without it.
-/// Where it has 20 matches with points that a third photograph shows, these decide, by the depths that they give: half of the capture's
-/// usual share.
+/// Where a third photograph shows the points of 20 matches, these decide, by their depths: half of the capture's usual share.
 ///
 /// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
 /// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
@@ -148,11 +147,11 @@ fn moved(given: &[Pose], found: &[Option<Pose>]) -> Vec<usize> {
 }
 
 /// Matched photographs with given poses, the reference first.
-struct Capture<'g> {
-    shots: &'g [&'g Prepared],
-    pairs: &'g [Pair],
-    poses: &'g [Pose],
-    verdicts: Vec<Verdict>,
+pub(super) struct Capture<'g> {
+    pub(super) shots: &'g [&'g Prepared],
+    pub(super) pairs: &'g [Pair],
+    pub(super) poses: &'g [Pose],
+    pub(super) verdicts: Vec<Verdict>,
 }
 
 /// Poses and tracks as they are kept.
@@ -165,7 +164,7 @@ struct Adjusted {
 
 impl Capture<'_> {
     /// Leaves out the photograph that fits its pose least, if it does not; `cut` is in pixels. Returns whether there was one.
-    fn leave_out(&mut self, poses: &[Pose], cut: f64) -> bool {
+    pub(super) fn leave_out(&mut self, poses: &[Pose], cut: f64) -> bool {
         let cameras = self.cameras(poses);
         let (found, consistent) = (self.agreement(&cameras, cut), self.consistency(&cameras, cut));
         let share = |[matches, agreeing]: [usize; 2]| agreeing as f64 / matches as f64;

@@ -1,5 +1,7 @@
 use super::features::Keypoint;
 use super::matching::match_features;
+use super::refine::Capture;
+use super::two_view::verified_matches;
 use super::*;
 use crate::silent;
 use crate::synthetic::{Plane, pose_at, render};
@@ -344,6 +346,24 @@ fn a_walk_longer_than_its_depth_keeps_every_photograph() {
     };
     let after = error(&poses(&refined));
     assert!(refined.accepted && after < 0.06 * error(&off), "{after} {}", error(&off));
+}
+
+/// Where six of seven matches are wrong, such as a pattern's repetitions, a right pose stays, and one that is 10 degrees off does not.
+#[test]
+fn wrong_matches_do_not_contradict_a_right_pose() {
+    let inputs = prepared(&photographs(&standard()[..2]), true).unwrap();
+    let shots: Vec<&Prepared> = inputs.iter().collect();
+    let found = match_features(&shots[0].features, &shots[1].features);
+    let mut pair = verified_matches([shots[0], shots[1]], [0, 1], &found, 0);
+    let right = pair.agreeing.split_off(pair.agreeing.len() % 7);
+    let there = |i: usize| right[if i % 7 == 0 { i } else { (i + 77) % right.len() }][1];
+    pair.agreeing = (0..right.len()).map(|i| [right[i][0], there(i)]).collect();
+    for (turn, is_right) in [(0.0, true), (0.17, false)] {
+        let poses = [Pose::identity(), pose_at([0.0; 3], [0.0, turn, 0.0]) * held()[1]];
+        let (shots, pairs, verdicts) = (&shots[..], &[pair.clone()][..], vec![Verdict::Posed; 2]);
+        let mut capture = Capture { shots, pairs, poses: &poses, verdicts };
+        assert_eq!(capture.leave_out(&poses, OUTLIER_PIXELS), !is_right, "{turn}");
+    }
 }
 
 /// One camera thrown 10 m away, or two exchanged, are left out; the others stay. So is one that is too far along the line of all cameras,

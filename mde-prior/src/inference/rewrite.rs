@@ -1,5 +1,4 @@
-//! A graph as tract runs it: other nodes of the same value for those that it refuses, and 32-bit floats for those of 16 bits, with which
-//! it is slow.
+//! A graph as tract runs it: other nodes of the same value for those that it refuses, and 32-bit floats for the slow ones of 16 bits.
 
 use std::collections::{HashMap, HashSet};
 

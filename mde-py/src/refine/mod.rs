@@ -81,12 +81,12 @@ fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_
     let start = Instant::now();
     let input = inputs.input.clone();
     let (mut scene, plan) = inputs.scene(refiner, &mut watch)?;
-    scene.reference = scene.reference.filter(|_| !every);
+    scene.every = every;
     let mut prepared = refiner.prepare(&scene, &plan, &mut watch)?;
     if every {
         return run_every(refiner, &scene, &mut prepared, &input, watch, start);
     }
-    let refined = prepared.once().refine(scene.first(), None, &mut watch)?;
+    let refined = prepared.once().refine(0, None, &mut watch)?;
     let outcome = Outcome::new(refiner, refined, input, &watch, start)?;
     Ok((vec![(outcome, None)], None))
 }

@@ -99,5 +99,5 @@ fn prepared(
     }
     let mut watch = Watched::new(link, false);
     let (scene, _) = inputs.scene(refiner, &mut watch).map_err(message)?;
-    refiner.prepare_scale(&scene.photographs[scene.first()], scale, &mut watch).map_err(message)
+    refiner.prepare_scale(&scene.photographs[0], scale, &mut watch).map_err(message)
 }

@@ -103,6 +103,6 @@ fn photographs([width, height]: [usize; 2], config: &mut Config, progress: &mut 
         let camera = KnownCamera { camera: view.camera, source: CameraSource::Scene };
         Photograph { mask: view.mask, ..Photograph::new(format!("{index}.png"), view.image, camera) }
     };
-    let scene = Scene::several(rendered.views.into_iter().enumerate().map(photograph).collect(), 0)?;
+    let scene = Scene::several(rendered.views.into_iter().enumerate().map(photograph).collect())?;
     Ok((scene, rendered.truth, simulated(prior, DepthKind::Metric)))
 }

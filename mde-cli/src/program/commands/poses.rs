@@ -37,7 +37,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;
     let mut opener = Opener { refiner: &refiner, camera: &args.camera, progress: &mut progress };
     let (mut scene, plan, paths) = opener.unposed("PHOTO", None, paths)?;
-    scene.reference = None;
+    scene.every = true;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();

@@ -29,7 +29,7 @@ pub(super) fn refine(args: &RefineArgs) -> Result<()> {
         true => opener.one(&args.image, false)?,
     };
     let input = args.image.display().to_string();
-    let reference = &scene.photographs[scene.first()];
+    let reference = &scene.photographs[0];
     let original = reference.original;
     let truth =
         args.gt.as_deref().map(|path| Truth::open(path, original, reference.of_results())).transpose()?;
@@ -62,7 +62,7 @@ pub(super) fn dense(args: &DenseArgs) -> Result<()> {
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
     let mut opener = Opener { refiner: &refiner, camera: &args.common.camera, progress: &mut progress };
     let (mut scene, plan) = opener.several(None, capture)?;
-    scene.reference = None;
+    scene.every = true;
     let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
     every::run(&job, &scene, &plan, args, &output, &mut progress)

@@ -204,7 +204,7 @@ impl MethodScene<'_> {
         // Every method has the prior's conversion of disparity.
         let config = Config { disparity: DisparityRule::default(), ..config.clone() };
         self.prepared(config, photographs, |prepared| {
-            let refined = prepared.refine(photographs.first(), field, &mut Progress::silent())?;
+            let refined = prepared.refine(0, field, &mut Progress::silent())?;
             let refinement = refined.refinement;
             Ok(Refined {
                 depth: refinement.depth.mean().to_owned(),
@@ -223,7 +223,7 @@ impl MethodScene<'_> {
         let unit = if photographs.is_posed() { Unit::Capture } else { Unit::Prior };
         let settings = Settings { config, unit, memory: self.memory, ..Settings::new(Preset::Default) };
         let refiner = Refiner::new(self.prior, settings)?;
-        let reference = &photographs.photographs[photographs.first()];
+        let reference = &photographs.photographs[0];
         let plan = refiner.plan(self.id, reference.original, photographs.photographs.len())?;
         Ok(then(&mut refiner.prepare(photographs, &plan, &mut Progress::silent())?)?)
     }

@@ -249,7 +249,7 @@ fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Sce
         one.mask = nearest(view.mask.view(), one.size()).into_shared();
         photographs.push(one);
     }
-    Ok((alone, Scene::several(photographs, 0)?))
+    Ok((alone, Scene::several(photographs)?))
 }
 
 /// Progress over all runs.
