@@ -356,7 +356,7 @@ fn wrong_matches_do_not_contradict_a_right_pose() {
     let found = match_features(&shots[0].features, &shots[1].features);
     let mut pair = verified_matches([shots[0], shots[1]], [0, 1], &found, 0);
     let right = pair.agreeing.split_off(pair.agreeing.len() % 7);
-    let there = |i: usize| right[if i % 7 == 0 { i } else { (i + 77) % right.len() }][1];
+    let there = |i: usize| right[if i.is_multiple_of(7) { i } else { (i + 77) % right.len() }][1];
     pair.agreeing = (0..right.len()).map(|i| [right[i][0], there(i)]).collect();
     for (turn, is_right) in [(0.0, true), (0.17, false)] {
         let poses = [Pose::identity(), pose_at([0.0; 3], [0.0, turn, 0.0]) * held()[1]];
