@@ -194,7 +194,7 @@ impl<'p> Refiner<'p> {
     }
 
     /// Different priors of that many photographs: a map is the reference's alone, and without a prior all have the same.
-    pub(crate) fn priors(&self, photographs: usize) -> u64 {
+    fn priors(&self, photographs: usize) -> u64 {
         let one = matches!(self.origin().form, PriorForm::Map | PriorForm::Nothing);
         if one { 1 } else { photographs as u64 }
     }
