@@ -34,8 +34,8 @@ const CENTRE_SIGMA: f64 = 0.01;
 
 /// Features of a photograph in which those of the same scene find matches.
 const PLENTY: usize = 200;
-/// Least share of a photograph's matches that fit its pose. Of exchanged poses .06 do by chance; of exact ones 30 degrees apart, where most
-/// matches are a pattern's repetitions, .11 and more.
+/// Least share of a photograph's matches that fit its pose. With the pose of a far photograph none do (0 of 22); with exact ones 30 degrees
+/// apart, where most matches are a pattern's repetitions, .11 and more.
 const LEAST_AGREEING: f64 = 0.1;
 /// The same of matches whose keypoint a third photograph shows, as a share of what is typical of the capture. On 13 captures .79 and more
 /// fit right poses, less than .35 most that are exchanged or 10 m off.
@@ -178,9 +178,9 @@ impl Capture<'_> {
             }
             let least = typical.filter(|_| is_enough(v)).map_or(0.0, |typical| LEAST_CONSISTENT * typical);
             let counts @ [matches, agreeing] = if is_enough(v) { consistent[v] } else { found[v] };
-            let share = share(counts);
-            let share = (share + (share * (1.0 - share) / matches as f64).sqrt()) / LEAST_AGREEING.max(least);
-            (share < 1.0).then_some((share, Verdict::Contradicted { matches, agreeing }))
+            let p = share(counts);
+            let of_least = (p + (p * (1.0 - p) / matches as f64).sqrt()) / LEAST_AGREEING.max(least);
+            (of_least < 1.0).then_some((of_least, Verdict::Contradicted { matches, agreeing }))
         };
         let doubtful = posed.iter().filter_map(|&v| Some((v, of(v)?)));
         let Some((v, (_, verdict))) = doubtful.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else { return false };

@@ -360,8 +360,8 @@ fn wrong_matches_do_not_contradict_a_right_pose() {
     pair.agreeing = (0..right.len()).map(|i| [right[i][0], there(i)]).collect();
     for (turn, is_right) in [(0.0, true), (0.17, false)] {
         let poses = [Pose::identity(), pose_at([0.0; 3], [0.0, turn, 0.0]) * held()[1]];
-        let (shots, pairs, verdicts) = (&shots[..], &[pair.clone()][..], vec![Verdict::Posed; 2]);
-        let mut capture = Capture { shots, pairs, poses: &poses, verdicts };
+        let (pairs, verdicts) = (std::slice::from_ref(&pair), vec![Verdict::Posed; 2]);
+        let mut capture = Capture { shots: &shots, pairs, poses: &poses, verdicts };
         assert_eq!(capture.leave_out(&poses, OUTLIER_PIXELS), !is_right, "{turn}");
     }
 }
