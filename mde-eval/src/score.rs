@@ -29,8 +29,7 @@ pub struct ScoreConfig {
     pub min_depth: f64,
     /// True depths at or above do not count, metres; aligned depths are clipped to it. 10: an indoor room.
     pub max_depth: f64,
-    /// `[top, bottom, left, right]`, half open, in pixels: nothing outside counts. `[45, 471, 41, 601]` is Eigen's crop of
-    /// NYU's 640 x 480.
+    /// `[top, bottom, left, right]`, half open, in pixels: nothing outside counts. `[45, 471, 41, 601]` is Eigen's crop of NYU's 640 x 480.
     pub crop: Option<[usize; 4]>,
     /// How the prediction is brought to the truth's scale.
     pub alignment: AlignmentRule,

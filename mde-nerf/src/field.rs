@@ -12,9 +12,8 @@ use std::ops::ControlFlow;
 pub trait RadianceField: Send {
     /// Fits the field to `views`.
     ///
-    /// `views[0]` is the original photograph: its camera and pose define the modelled volume. The depth hypotheses of the
-    /// views give the range of the scene and may supervise its depth. The other views may be warps or photographs; all images
-    /// have the exposure of view 0.
+    /// `views[0]` is the original photograph: its camera and pose define the modelled volume. The depth hypotheses of the views give the
+    /// range of the scene and may supervise its depth. The other views may be warps or photographs; all images have the exposure of view 0.
     ///
     /// # Errors
     /// Views without a valid pixel or range, a fit that diverges, [`Error::Interrupted`](crate::Error::Interrupted) where the callback

@@ -13,10 +13,8 @@ use serde::{Deserialize, Serialize};
 const QUANTILES: [f64; 2] = [0.005, 0.995];
 const STRETCH_HULL: [f64; 2] = [0.8, 1.25];
 const STRETCH_REFERENCE: [f64; 2] = [0.75, 1.3];
-
 /// Margin of [`VolumeConfig::Reference`] on each side, as a fraction of the image's width and height.
 const MARGIN: f64 = 0.06;
-
 /// Lower end of clipped rays whose camera is inside the volume, as a fraction of near.
 const NEAREST: f64 = 0.1;
 
@@ -88,8 +86,7 @@ pub(crate) struct Ray {
     pub(crate) direction: Vector3<f64>,
 }
 
-/// A ray in cube coordinates: \\((u, v, s)\\ at inverse depth \\(\lambda\\ is \\((a + \lambda b) / g\\ with
-/// \\(g = g_0 + \lambda g_1\\).
+/// A ray in cube coordinates: \\((u, v, s)\\) at inverse depth \\(\lambda\\) is \\((a + \lambda b) / g\\) with \\(g = g_0 + \lambda g_1\\).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CubeRay<T> {
     constant: [T; 3],

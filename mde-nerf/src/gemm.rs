@@ -144,8 +144,7 @@ impl WithSimd for Outer<'_> {
 }
 
 impl Outer<'_> {
-    /// Blocks of `INPUTS` rows by `VECTORS` registers of the weight gradient; `k` is a multiple of [`LANES`], so of
-    /// `INPUTS`.
+    /// Blocks of `INPUTS` rows by `VECTORS` registers of the weight gradient; `k` is a multiple of [`LANES`], so of `INPUTS`.
     #[inline(always)]
     fn blocks<S: Simd, const INPUTS: usize, const VECTORS: usize>(self, simd: S) {
         let Self { x, dy, dw, shape } = self;

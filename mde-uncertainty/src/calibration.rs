@@ -8,10 +8,8 @@ use serde::{Deserialize, Serialize};
 const FORMAT: u32 = 2;
 /// Most characters of a line that an error quotes.
 const LONGEST_LINE: usize = 120;
-
 /// Factors on sigma whose squares leave variances that are floats.
 const FACTORS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
-
 /// Probabilities whose coverage on scenes that were left out is recorded.
 const HELD_OUT: [f64; 4] = [0.5, 0.68, 0.9, 0.95];
 
@@ -120,9 +118,8 @@ impl Calibration {
         })
     }
 
-    /// With the error of each map's scale, the part that alignment takes out of the errors: the root mean square of
-    /// \\(\ln s\\) over the scenes, with \\(s\\) the factor that brings a map to the truth. None without scenes, or with a factor that
-    /// is not positive.
+    /// With the error of each map's scale, the part that alignment takes out of the errors: the root mean square of \\(\ln s\\) over the
+    /// scenes, with \\(s\\) the factor that brings a map to the truth. None without scenes, or with a factor that is not positive.
     #[must_use]
     pub fn with_scales(mut self, scales: &[f64]) -> Self {
         let mean = scales.iter().map(|s| s.ln().powi(2)).sum::<f64>() / scales.len() as f64;

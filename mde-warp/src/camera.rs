@@ -3,7 +3,6 @@ use nalgebra::{Point2, Point3, Vector3};
 
 /// Diagonal of a 36 mm x 24 mm film frame, in mm: 43.27.
 const FILM_DIAGONAL: f64 = 43.266_615_305_567_875;
-
 /// Upper limit on pixels per image, so that sizes of buffers cannot overflow.
 const MAX_PIXELS: f64 = 268_435_456.0;
 

@@ -11,7 +11,6 @@ use mde_uncertainty::GaussianDepth;
 
 /// Offsets (column, row) of a cell's corners. `k ^ 1` is the neighbour of corner `k` in the row, `k ^ 2` in the column.
 const OFFSET: [(f64, f64); 4] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
-
 /// The triangle that leaves out corner `k`, turning from x to y.
 const WITHOUT: [[usize; 3]; 4] = [[1, 3, 2], [0, 3, 2], [0, 1, 3], [0, 1, 2]];
 

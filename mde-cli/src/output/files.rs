@@ -23,7 +23,6 @@ use std::path::Path;
 
 /// `[height, width]` arrays `origin` (0 none, 1 prior, 2 consensus, 3 field), `seen` and `confirmed` (numbers of photographs).
 pub const EVIDENCE: &str = "evidence.npz";
-
 /// Photograph, depth and sigma / depth, small.
 pub const THUMBNAIL: &str = "thumbnail.png";
 

@@ -17,10 +17,8 @@ use std::time::{Duration, Instant};
 
 /// Least time between two drawings of a line.
 const REDRAW: Duration = Duration::from_millis(50);
-
 /// Least time between two lines of a stage where there is no terminal.
 const LINES: Duration = Duration::from_secs(10);
-
 const WARNING: &str = "warning:";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,7 +12,6 @@ use std::f64::consts::LN_2;
 const MISSING: f64 = 0.3;
 /// Ratio of the depths' 95 and 5 % quantiles below which a map is nearly constant.
 const RANGE: f64 = 1.03;
-
 /// Metres between which a photograph has some depth: a network of rooms or streets that gives none there gives no metres.
 const METRES: [f64; 2] = [0.1, 65.0];
 

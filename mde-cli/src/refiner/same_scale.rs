@@ -13,7 +13,6 @@ use ndarray::ArrayView3;
 const LONGER_SIDE: usize = 640;
 /// Features of a photograph; a ratio needs fewer than a pose.
 const FEATURES: usize = 1500;
-
 /// Error of a whole photograph's factor over that of its common part: the median of two networks on 13 captures (docs/guide.md).
 const WHOLE: f64 = 2.2;
 

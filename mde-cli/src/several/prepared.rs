@@ -18,8 +18,9 @@ use mde_mvs::evidence::Evidence;
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::scale::{Scale, point_matches};
 use mde_mvs::sigma::{COMPONENTS, combine};
-use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views};
+use mde_mvs::views::{MIN_OVERLAP, ViewScore, keyframes, select_views};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Point3;
 use ndarray::{ArcArray2, Array2, Array3, Zip};
@@ -348,16 +349,23 @@ fn candidate(plan: &Planned, posed: &Posed, scene: &Scene) -> Result<Option<Cand
 /// The best photographs for each by parallax, overlap and sharpness.
 fn plan(posed: &Posed, priors: &[Option<ArcArray2<f32>>], config: &Config) -> Result<Vec<Planned>> {
     let max_views = config.multi_view.max_views.saturating_sub(1);
+    let everyone = || (0..posed.views.len()).into_par_iter();
+    let median_depth = |place| {
+        let depth = priors::in_unit_of_poses(posed, priors, place);
+        median(depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z))).unwrap_or(0.0)
+    };
+    let medians: Vec<f64> = everyone().map(median_depth).collect();
+    let keyframes = keyframes(&posed.views, &medians, &posed.energies);
     let of = |place: usize| {
         let depth = priors::in_unit_of_poses(posed, priors, place);
-        let scores = select_views(&posed.views, place, depth.view(), &posed.energies, max_views)?;
+        let scores = select_views(&posed.views, place, depth.view(), &posed.energies, &keyframes, max_views)?;
         let mut own: Vec<usize> =
             scores.iter().filter(|score| score.chosen).map(|score| score.view).collect();
         own.sort_unstable();
         own.insert(0, place);
         Ok(Planned { scores, own })
     };
-    (0..posed.views.len()).into_par_iter().map(of).collect()
+    everyone().map(of).collect()
 }
 
 /// What each photograph is swept against: those chosen for it; where there are none, those that chose it.

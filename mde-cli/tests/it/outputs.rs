@@ -9,9 +9,7 @@ use serde_json::{Value, json};
 use std::fs;
 
 const OUTPUTS: &str = "confidence.png config.toml depth.npy depth.png image.png preview.png prior.npy report.html run.json sigma.npy thumbnail.png";
-
 const LEARN: &str = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated model -o learned";
-
 const KEPT: &str = "refine image.png --prior-depth depth.npy --fov 60 --no-nerf";
 
 fn check_outputs(place: &Place, folder: &str) -> Value {

@@ -5,8 +5,7 @@ use mde_prior::format::ReadOptions;
 use mde_warp::PinholeCamera;
 use std::path::Path;
 
-/// SUN RGB-D (Song et al., CVPR 2015) in its published layout: any folder below the root that has both `image/` and
-/// `depth/` is a scene.
+/// SUN RGB-D (Song et al., CVPR 2015) in its published layout: any folder below the root that has both `image/` and `depth/` is a scene.
 ///
 /// Depth files, the measurements of the sensor in `depth/`, are 16-bit PNGs of millimetres whose bits are rotated left by three, trusted up to 8 m.
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene

@@ -5,7 +5,6 @@ use crate::{Error, Result};
 
 /// Smallest depth that is inverted, as in the published code.
 const MIN_DEPTH: f32 = 1e-6;
-
 /// How many ratios are tried, and between which bounds: \\(t_k\\), \\(k = 1 \dots 10\\), from 1.05 to 1.25.
 const RATIOS: usize = 10;
 

@@ -51,8 +51,7 @@ pub fn silog(prediction: &[f64], truth: &[f64]) -> Result<f64> {
     Ok(100.0 * mean(prediction, truth, |p, g| ((p / g).ln() - centre).powi(2))?.sqrt())
 }
 
-/// Root mean squared error of the inverse depths, in one over the unit:
-/// \\(\sqrt{\frac1n \sum_i (1/p_i - 1/g_i)^2}\\).
+/// Root mean squared error of the inverse depths, in one over the unit: \\(\sqrt{\frac1n \sum_i (1/p_i - 1/g_i)^2}\\).
 pub fn irmse(prediction: &[f64], truth: &[f64]) -> Result<f64> {
     Ok(mean(prediction, truth, |p, g| (p.recip() - g.recip()).powi(2))?.sqrt())
 }

@@ -97,8 +97,7 @@ impl EdgeCurve {
 /// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
 ///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
 ///
-/// Maps are `[height, width]` in metres, aligned. [`EdgeCurve::at`] the threshold of the truth's [`edges`] is the F1 at a fixed
-/// threshold.
+/// Maps are `[height, width]` in metres, aligned. [`EdgeCurve::at`] the threshold of the truth's [`edges`] is the F1 at a fixed threshold.
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ; [`Error::Config`](crate::Error::Config) for a tolerance above 64 pixels.

@@ -1,10 +1,9 @@
 //! Sparsification: errors that remain when the most uncertain pixels are removed.
 //!
-//! A curve of the mean cost over what is kept, once in order of the predicted sigma, once in order of the cost itself (the
-//! oracle), once in no order (random, a flat line). **AUSE** is the area between the first and the oracle (0 is best), **AURG** the area
-//! that the first gains over random. Pixels of equal
-//! sigma leave together: their mean stands for each of them, which is the expectation over how ties are broken. A
-//! constant sigma therefore gives the random curve and not an accident of the pixels' order.
+//! A curve of the mean cost over what is kept, once in order of the predicted sigma, once in order of the cost itself (the oracle), once in
+//! no order (random, a flat line). **AUSE** is the area between the first and the oracle (0 is best), **AURG** the area that the first
+//! gains over random. Pixels of equal sigma leave together: their mean stands for each of them, which is the expectation over how ties are
+//! broken. A constant sigma therefore gives the random curve and not an accident of the pixels' order.
 
 use crate::Result;
 use crate::error::{self, List, check_lists};

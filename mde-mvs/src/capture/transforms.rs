@@ -29,9 +29,8 @@ pub enum PixelCentres {
 /// Reads a `transforms.json`: camera-to-world matrices with OpenGL axes, intrinsics for all frames or for each
 /// (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `camera_angle_x`, `camera_angle_y`, `k1`, `k2`, `k3`, `p1`, `p2`).
 ///
-/// `size` returns the width and height of a photograph, or `None` if it is missing; it also replaces `w` and `h`
-/// where the file has none. Principal points are taken by `centres` unless the file has a `pixel_centres` of
-/// `"integers"` or `"halves"`.
+/// `size` returns the width and height of a photograph, or `None` if it is missing; it also replaces `w` and `h` where the file has none.
+/// Principal points are taken by `centres` unless the file has a `pixel_centres` of `"integers"` or `"halves"`.
 ///
 /// # Errors
 /// One line that names the file, the frame and the field: what is missing, not finite, of another size, a fisheye model,

@@ -8,7 +8,6 @@ use serde_json::{Value, json};
 const VERTICES: usize = 1_000_000;
 /// Triangles are torn where the disparities of their corners differ by more than this share, as the warp's.
 const TEAR: f64 = 0.05;
-
 const MAGIC: &[u8; 4] = b"glTF";
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;

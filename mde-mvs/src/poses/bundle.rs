@@ -36,7 +36,6 @@ const NEAR: f64 = 1e-3;
 const BEHIND: f64 = 1000.0;
 /// Bounds of an inverse depth within which no projection overflows.
 const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
-
 /// Fewer tracks than this do not measure a prior.
 const FEW: usize = 10;
 /// No prior counts as closer than this to the depths.

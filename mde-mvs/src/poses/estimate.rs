@@ -19,21 +19,16 @@ pub(super) const STEPS: usize = 60;
 
 /// Adjustments after each of which outliers are dropped and the priors measured.
 const ROUNDS: usize = 3;
-
 /// Another start leads to a better solution if the misses sum to less than this share.
 const WORTHWHILE: f64 = 0.99;
-
 /// A photograph whose turn from the one that it is attached to is less certain than this, in degrees, has no pose. Of 882 of 20 captures
 /// 11 have more, and are off by 2.2 on average.
 const MOST_UNCERTAIN: f64 = 2.5;
-
 /// Least median parallax of a photograph that determines depth, pixels.
 const MIN_PARALLAX_PIXELS: f64 = 2.0;
-
 /// A photograph whose matches a turn on the spot explains to less than this median has no parallax, pixels. Of 70 photographs of 13 captures
 /// the least has .95, turned pictures have .1.
 const MIN_TURN_PIXELS: f64 = 0.6;
-
 /// No covariance is of matches better than this, in units of noise.
 const LEAST_NOISE: f64 = 1e-3;
 /// Errors of the focal length over what the matches' noise explains, as lenses have distortion: 2.2 is the rms of 26 estimates on 13 captures.

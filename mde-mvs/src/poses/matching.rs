@@ -6,7 +6,6 @@ use rayon::prelude::*;
 
 /// Rows of the table of similarities that a task fills.
 const ROWS: usize = 128;
-
 /// A match's distance over the second best at most (Lowe, 2004).
 const RATIO: f32 = 0.8;
 

@@ -26,12 +26,10 @@ const FOLDS: usize = 5;
 const BEYOND_NOISE: f64 = 2.0;
 /// Groups of neighbours of a long capture on which the trust is chosen.
 const TRIALS: usize = 3;
-
 /// Largest standard deviation of a given pose's rotation about each axis, degrees.
 const ROTATION_SIGMA_DEGREES: f64 = 1.0;
 /// Largest standard deviation of a given camera's place along each axis, as a share of the median depth.
 const CENTRE_SIGMA: f64 = 0.01;
-
 /// Features of a photograph in which those of the same scene find matches.
 const PLENTY: usize = 200;
 /// Least share of a photograph's matches that fit its pose. With the pose of a far photograph none do (0 of 22); with exact ones 30 degrees

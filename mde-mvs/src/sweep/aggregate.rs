@@ -5,8 +5,7 @@
 //! \\[ L_r(p, k) = C(p, k) + \min\{ L_r(p-r, k),\; L_r(p-r, k \pm 1) + P_1,\; \min_i L_r(p-r, i) + P_2 \}
 //!    - \min_i L_r(p-r, i) . \\]
 //!
-//! The sum over \\( n \\) directions less \\( (n-1)\,C \\) counts every cost once and approximates a min-marginal
-//! (Drory et al., 2014).
+//! The sum over \\( n \\) directions less \\( (n-1)\,C \\) counts every cost once and approximates a min-marginal (Drory et al., 2014).
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -15,7 +14,6 @@ use super::cost::Volume;
 
 /// Larger than any path cost, and small enough that a penalty may be added.
 const FAR: u16 = 1 << 14;
-
 /// Columns from which the paths down and up come: straight, and along both diagonals.
 const SHIFTS: [isize; 3] = [0, -1, 1];
 

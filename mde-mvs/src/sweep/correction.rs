@@ -1,9 +1,8 @@
 //! The smooth part of a prior's error, interpolated from residuals at matches.
 //!
-//! A monocular prior is right in its details and wrong by something smooth, that changes from one object to the next.
-//! Residuals \\( r \\) (matches minus prior, in log depth) with weights \\( w \\) are averaged by an edge-aware kernel
-//! \\( F \\) (the domain transform's recursive filter, Gastal and Oliveira, 2011), coarse to fine, each level shrunk to
-//! the one before where few matches lie:
+//! A monocular prior is right in its details and wrong by something smooth, that changes from one object to the next. Residuals \\( r \\)
+//! (matches minus prior, in log depth) with weights \\( w \\) are averaged by an edge-aware kernel \\( F \\) (the domain transform's
+//! recursive filter, Gastal and Oliveira, 2011), coarse to fine, each level shrunk to the one before where few matches lie:
 //!
 //! \\[ u_{l+1} = u_l + \frac{F_l[w (r - u_l)]}{F_l[w] + \lambda} , \qquad
 //!    s_{l+1}^2 = \frac{F_l[w (r - u_l)^2] + \lambda s_l^2}{F_l[w] + \lambda} . \\]

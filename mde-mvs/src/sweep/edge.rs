@@ -21,7 +21,6 @@ const BAND: usize = RADIUS + 1;
 const COLOUR: f32 = 0.06;
 /// What a window at the distance of its radius has to be more alike.
 const DISTANCE: f32 = 0.1;
-
 const REACH: isize = RADIUS as isize;
 
 /// A pixel, and the pixel whose window it takes.

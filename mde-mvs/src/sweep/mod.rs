@@ -46,7 +46,6 @@ use posterior::{Estimate, EstimateRow};
 const MAX_SOURCES: usize = 32;
 /// Pixels between two samples when the number of surfaces is chosen, along each axis.
 const STRIDE: usize = 8;
-
 /// Most surfaces over a wide range, and about a depth map. Fewer are taken where that many would lie nearer than [`STEP`].
 const SURFACES: usize = 128;
 const AROUND: usize = 64;

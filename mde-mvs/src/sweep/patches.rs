@@ -29,7 +29,6 @@ pub(super) const COLOUR: f32 = 0.1;
 const DISTANCE: f32 = 0.75 * RADIUS as f32;
 /// Photographs that a patch is compared with at most.
 const SOURCES: usize = 8;
-
 /// Cost of a point that does not return to its pixel from the other photograph's depth, and the distance in pixels that is the most.
 const GEOMETRY: f32 = 0.5;
 const RETURN: f32 = 2.0;
@@ -42,10 +41,8 @@ const MOVE: f32 = 0.003;
 const RANGE: f32 = 0.03;
 /// How much worse a plane may return, of at most 1, and still be taken.
 const RETURN_SLACK: f32 = 0.05;
-
 /// A point nearer than this is behind a camera.
 const NEAR: f32 = 1e-6;
-
 /// Half the side of the square of pixels that a first plane is fitted to, and the relative residual of half its weight.
 const FIT: usize = 3;
 const RESIDUAL: f32 = 0.02;

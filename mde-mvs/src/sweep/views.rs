@@ -12,7 +12,6 @@ use mde_warp::transfer::Transfer;
 
 /// Pixels between two samples of the overlap, along each axis.
 const STRIDE: usize = 4;
-
 /// Best ratio of baseline to depth: less triangulates badly, more is hard to match. The score of a parallax is a Gaussian of its
 /// logarithm, lower by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
 const BEST_PARALLAX: f64 = 0.1;
@@ -20,6 +19,10 @@ const BEST_PARALLAX: f64 = 0.1;
 const CANDIDATES: usize = 48;
 /// Least ratio of baseline to depth, two pixels at a focal length of 500: less is the same viewpoint, such as a copy or a burst.
 const LEAST_PARALLAX: f64 = 0.004;
+/// Least step between two photographs that others are swept against, as a ratio of baseline to depth and as a turn, radians: of a dense walk
+/// those of nearly one viewpoint would all be chosen.
+const LEAST_STEP: f64 = 0.025;
+const LEAST_TURN: f64 = 0.15;
 /// Least share of the reference's pixels that project into a view; a view with less is not used.
 pub const MIN_OVERLAP: f64 = 0.2;
 
@@ -42,9 +45,28 @@ pub struct ViewScore {
     pub chosen: bool,
 }
 
+/// Which of the views are keyframes: of those with nearly one viewpoint the sharpest. `depths` are their median depths in the unit of the
+/// poses, `energies` their [`gradient_energy`].
+pub fn keyframes(views: &[PosedView], depths: &[f64], energies: &[f64]) -> Vec<bool> {
+    let mut sharpest: Vec<usize> = (0..views.len()).collect();
+    let energy = |&view: &usize| energies.get(view).copied().unwrap_or(1.0);
+    sharpest.sort_by(|a, b| energy(b).total_cmp(&energy(a)).then(a.cmp(b)));
+    let mut is_keyframe = vec![false; views.len()];
+    for view in sharpest {
+        let coincides = |other: &PosedView| {
+            let turn = views[view].pose.rotation.angle_to(&other.pose.rotation);
+            let step = baseline(&views[view], other);
+            turn < LEAST_TURN && depths.get(view).is_some_and(|depth| step < LEAST_STEP * depth)
+        };
+        is_keyframe[view] = !views.iter().zip(&is_keyframe).any(|(other, kept)| *kept && coincides(other));
+    }
+    is_keyframe
+}
+
 /// Scores the other views against `views[reference]` of known depth (0 where unknown, in the unit of the poses); of a long capture the
-/// 48 nearest that look the same way. `energies` are the [`gradient_energy`] of all views, whose images are not read. The scores come best
-/// first, equal ones in the order of the views; the first `max_views` of them that may be used are chosen.
+/// 48 nearest that look the same way, the [`keyframes`] before others. `energies` are the [`gradient_energy`] of all views, whose images are
+/// not read. The scores come best first, equal ones in the order of the views; the first `max_views` keyframes that may be used are
+/// chosen, then others.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a mask or a depth map of another size than its camera.
@@ -53,12 +75,16 @@ pub fn select_views(
     reference: usize,
     depth: ArrayView2<'_, f32>,
     energies: &[f64],
+    keyframes: &[bool],
     max_views: usize,
 ) -> Result<Vec<ViewScore>> {
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
     from.camera.check_map("depth", depth.dim())?;
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
-    let near: Vec<usize> = nearest(&poses, reference).into_iter().take(CANDIDATES).collect();
+    let mut near = nearest(&poses, reference);
+    let is_keyframe = |view: usize| keyframes.get(view).is_none_or(|is_keyframe| *is_keyframe);
+    near.sort_by_key(|view| !is_keyframe(*view));
+    near.truncate(CANDIDATES);
     let check = |view: &PosedView| view.camera.check_map("mask", view.mask.dim());
     near.iter().chain([&reference]).try_for_each(|&view| check(&views[view]))?;
     let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
@@ -74,7 +100,9 @@ pub fn select_views(
         .collect();
     scores.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.view.cmp(&b.view)));
     let usable = |s: &&mut ViewScore| s.overlap >= MIN_OVERLAP && s.score > 0.0;
-    scores.iter_mut().filter(usable).take(max_views).for_each(|s| s.chosen = true);
+    let (first, others): (Vec<_>, Vec<_>) =
+        scores.iter_mut().filter(usable).partition(|s| is_keyframe(s.view));
+    first.into_iter().chain(others).take(max_views).for_each(|s| s.chosen = true);
     Ok(scores)
 }
 
@@ -125,31 +153,48 @@ mod tests {
         let centres = [[0.0; 3], [0.005, 0.0, 0.0], [0.2, 0.0, 0.0], [1.0, 0.0, 0.0], [30.0, 0.0, 0.0]];
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &centres);
         let energies = |views: &[PosedView]| [0, 1, 2, 3, 4].map(|i| gradient_energy(views[i].image.view()));
-        let scores = select_views(&views, 0, depths[0].view(), &energies(&views), 2).unwrap();
+        let scores = select_views(&views, 0, depths[0].view(), &energies(&views), &[], 2).unwrap();
         assert_eq!(scores.iter().map(|s| s.view).collect::<Vec<_>>(), [2, 3, 1, 4]);
         assert_eq!(scores.iter().map(|s| s.chosen).collect::<Vec<_>>(), [true, true, false, false]);
         assert!((scores[0].parallax - 0.1).abs() < 1e-6 && scores[3].overlap == 0.0);
         // The same view out of focus has a lower score.
-        let sharp = scores[0];
         let mean = views[2].image.mean().unwrap();
         views[2].image.mapv_inplace(|x| mean + 0.3 * (x - mean));
-        let blurred = select_views(&views, 0, depths[0].view(), &energies(&views), 2).unwrap();
+        let blurred = select_views(&views, 0, depths[0].view(), &energies(&views), &[], 2).unwrap();
         let of = blurred.iter().find(|s| s.view == 2).unwrap();
-        assert!((of.sharpness / sharp.sharpness - 0.09).abs() < 0.01 && of.score < sharp.score);
+        assert!((of.sharpness / scores[0].sharpness - 0.09).abs() < 0.01 && of.score < scores[0].score);
+    }
+
+    #[test]
+    fn of_nearly_one_viewpoint_the_sharpest_is_a_keyframe_and_chosen_first() {
+        let centres = [0.0, 0.01, 0.02, 0.2].map(|x| [x, 0.0, 0.0]);
+        let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &centres);
+        let energies = [1.0, 2.0, 1.0, 1.0];
+        let found = keyframes(&views, &[2.0; 4], &energies);
+        assert_eq!(found, [false, true, false, true]);
+        for (max_views, expected) in [(1, vec![3]), (2, vec![1, 3]), (3, vec![1, 2, 3])] {
+            let scores = select_views(&views, 0, depths[0].view(), &energies, &found, max_views).unwrap();
+            let mut chosen: Vec<usize> = scores.iter().filter(|s| s.chosen).map(|s| s.view).collect();
+            chosen.sort_unstable();
+            assert_eq!(chosen, expected);
+        }
+        // One that is turned shows something else.
+        views[2].pose = Pose::rotation([0.0, 0.2, 0.0].into()) * views[2].pose;
+        assert_eq!(keyframes(&views, &[2.0; 4], &energies), [false, true, true, true]);
     }
 
     #[test]
     fn what_cannot_be_measured_is_named() {
         let (mut views, depths) =
             scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &[[0.0; 3], [0.1, 0.0, 0.0]]);
-        let bad = select_views(&views, 2, depths[0].view(), &[], 7);
+        let bad = select_views(&views, 2, depths[0].view(), &[], &[], 7);
         assert_eq!(bad, Err(Error::Reference { reference: 2, views: 2 }));
         let map = Array2::zeros((8, 9));
-        assert!(matches!(select_views(&views, 0, map.view(), &[], 7), Err(Error::View(_))));
+        assert!(matches!(select_views(&views, 0, map.view(), &[], &[], 7), Err(Error::View(_))));
         // Each stage that takes views checks them: their fields are public.
         views[1].mask = Array2::from_elem((3, 4), true).into_shared();
         let depth = depths[0].view();
-        let chosen = select_views(&views, 0, depth, &[], 7);
+        let chosen = select_views(&views, 0, depth, &[], &[], 7);
         assert!(matches!(chosen, Err(Error::View(_))));
         let fitted = crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth);
         assert!(matches!(fitted, Err(Error::View(_))));

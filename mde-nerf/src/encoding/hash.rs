@@ -29,7 +29,7 @@ struct Level {
 
 /// The cells around a block of points.
 struct Cells<T> {
-    /// Per corner of the \\((u, v)\\ square: the row of the nearer end of its edge along depth.
+    /// Per corner of the \\((u, v)\\) square: the row of the nearer end of its edge along depth.
     rows: [[u32; BLOCK]; 4],
     /// Bilinear weights of those corners.
     weights: [[T; BLOCK]; 4],

@@ -28,7 +28,6 @@ const MAX_METADATA: u64 = 1 << 26;
 const JPEG: [u8; 2] = [0xff, 0xd8];
 const END_OF_IMAGE: u8 = 0xd9;
 const START_OF_SCAN: u8 = 0xda;
-
 /// A tag of a TIFF.
 const SAMPLE_FORMAT: Tag = Tag(Context::Tiff, 339);
 

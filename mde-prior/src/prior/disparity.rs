@@ -14,10 +14,9 @@ use crate::{Error, Result};
 /// \\[ \hat d = \mathrm{clip}\Bigl(\frac{d - q_{lo}}{q_{hi} - q_{lo}}, 0, 1\Bigr), \qquad
 ///    \frac1z = A \hat d + B, \quad A = \frac1{z_{near}} - \frac1{z_{far}}, \quad B = \frac1{z_{far}}. \\]
 ///
-/// So `near <= z <= far` always, depth falls as disparity grows, and the result does not change when the map is
-/// multiplied by a positive number or shifted. A constant map becomes the depth in the middle of the
-/// disparity range, \\( 2 / (1/z_{near} + 1/z_{far}) \\). Where more than `high - low` of a map is one single value,
-/// its extremes take the place of the quantiles.
+/// So `near <= z <= far` always, depth falls as disparity grows, and the result does not change when the map is multiplied by a positive
+/// number or shifted. A constant map becomes the depth in the middle of the disparity range, \\( 2 / (1/z_{near} + 1/z_{far}) \\). Where
+/// more than `high - low` of a map is one single value, its extremes take the place of the quantiles.
 ///
 /// ```
 /// use mde_prior::DisparityRule;

@@ -165,15 +165,12 @@ impl<'a> Evaluation<'a> {
         let mut made = vec![(first, self.stored_or_run(&sample, first, made_from, run, tally)?)];
 
         let depth = made[0].1.refined.depth.clone();
-        let view_priors = sample
-            .views
-            .iter()
-            .map(|captured| captured.prior.as_ref().map(|prior| prior.to_depth(&rule)).transpose());
-        let view_priors = view_priors.collect::<Result<Vec<_>, _>>()?;
-        let views = sample.views.iter().zip(&view_priors);
-        let views: Vec<TaskView<'_>> = views
-            .map(|(captured, prior)| TaskView { view: &captured.view, posed, prior: prior.as_ref() })
-            .collect();
+        let own =
+            sample.views.iter().map(|view| view.prior.as_ref().map(|own| own.to_depth(&rule)).transpose());
+        let own = own.collect::<Result<Vec<_>, _>>()?;
+        let views = sample.views.iter().zip(&own);
+        let views = views.map(|(one, own)| TaskView { view: &one.view, posed, prior: own.as_ref() });
+        let views: Vec<TaskView<'_>> = views.collect();
         let task = Task {
             model: prior.prior().accepts_new_images().then_some(prior.prior()),
             views: &views,

@@ -14,7 +14,6 @@ use serde_json::{Value, json};
 
 /// Rows and columns of NYU's 640x480 that Eigen et al. score.
 const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
-
 /// Changes with the definition of a score, so that kept scores are computed again.
 const DEFINITIONS: u32 = 4;
 

@@ -22,7 +22,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 pub(crate) const FILE: &str = "report.html";
-
 /// The page of all photographs of a capture.
 pub(crate) const INDEX: &str = "index.html";
 

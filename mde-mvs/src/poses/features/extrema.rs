@@ -14,7 +14,6 @@ const STEPS: usize = 5;
 const DIRECTIONS: usize = 36;
 /// A further direction needs this share of the strongest.
 const PEAK: f32 = 0.8;
-
 /// Least contrast of an extremum, as OpenCV's `contrastThreshold`, of colours in \\( [0, 1] \\).
 const CONTRAST: f64 = 0.02;
 /// Largest ratio of the principal curvatures; edges exceed it.

@@ -52,10 +52,9 @@ pub struct Reconstruction {
 
 /// Depth and variance of every photograph, from poses, sweeps and priors: the [`Sweeps`] of photographs that all see the same.
 ///
-/// `priors` are z-depths `[height, width]`, one for each view, in any unit (one for all); 0 where unknown. Depths come in
-/// the unit of the poses. `scale`, where it is known, for example from sparse points, saves the search for it; without it
-/// any factor between 1/32 and 32 is found. The callback counts the photographs as the last sweep of each ends; those before, of
-/// small images, are quick.
+/// `priors` are z-depths `[height, width]`, one for each view, in any unit (one for all); 0 where unknown. Depths come in the unit of the
+/// poses. `scale`, where it is known, for example from sparse points, saves the search for it; without it any factor between 1/32 and 32 is
+/// found. The callback counts the photographs as the last sweep of each ends; those before, of small images, are quick.
 ///
 /// # Errors
 /// [`Error::TooFewViews`] for fewer than two views, [`Error::View`] for a map of another size than its camera,

@@ -22,7 +22,6 @@ use crate::{Callback, Error, Result, notify};
 const SMALL: usize = 160;
 /// Factor by which a prior of unknown scale may be wrong.
 const UNKNOWN: f64 = 32.0;
-
 /// The factor about the scaled prior that the first sweeps cover.
 const WIDE: f64 = 3.0;
 /// The same towards the camera of a prior that is constant, where more than one in so many pixels match nearer than the other sweeps reach:
@@ -31,7 +30,6 @@ const NEAREST: f64 = 12.0;
 const NEAR_SHARE: usize = 100;
 /// The factor about the corrected prior that the last sweeps cover.
 const NARROW: f64 = 1.5;
-
 /// Photographs whose last sweeps are kept: on a walk, those that the next photographs share.
 const KEPT: usize = 22;
 
