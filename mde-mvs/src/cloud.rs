@@ -1,5 +1,6 @@
 //! Photographs with poses and depths, and the points on which they agree.
 
+use crate::sweep::views::keyframes;
 use crate::{centre, nearest_pixel};
 use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::{PinholeCamera, Pose};
@@ -105,7 +106,7 @@ pub struct ConsistentPoint {
 /// photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
 /// at the nearest pixel, \\( |z' - D| \le \sigma + \sigma' \\), where \\( \sigma' \\) is the point's in the proportion of the
 /// depths. Each is the mean by precision (Eq. 7) of its depths in the photographs that confirm it, along the ray of the first; those
-/// pixels give no further point. Of many photographs each is compared with the 32 nearest.
+/// pixels give no further point. Of more than 32 photographs the keyframes are used, and each is compared with the 32 nearest.
 ///
 /// Its variance is the harmonic mean of theirs: the photographs share matches and poses, so that their number proves nothing, as Eq. 8
 /// would have it.
@@ -117,11 +118,10 @@ pub fn consistent_points(views: &[DepthView<'_>]) -> Vec<ConsistentPoint> {
     let (mut given, mut taken) = (none(), none());
     let mut points = Vec::new();
     let most = surer_half(views).max(LEAST_SURE);
-    let sized = |view: &DepthView<'_>| [view.depth.dim(), view.sigma.dim()] == [view.camera.dim(); 2];
-    for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
+    let used = used(views);
+    for &index in &used {
+        let (view, others) = (&views[index], nearest(views, &used, index));
         let world = view.pose.inverse();
-        let others = nearest(views, index).into_iter().filter(|&other| sized(&views[other]));
-        let others: Vec<usize> = others.collect();
         let of_pixel = |(row, column): (usize, usize)| {
             let ([z, sigma], point) = (view.within((row, column), most)?, view.point(row, column)?);
             let (position, relative) = (world * point, sigma / z);
@@ -168,11 +168,23 @@ fn surer_half(views: &[DepthView<'_>]) -> f32 {
     median(some.map(|(z, sigma)| f64::from(sigma / z))).unwrap_or_default() as f32
 }
 
-/// The [`NEAREST`] of the other views.
-fn nearest(views: &[DepthView<'_>], index: usize) -> Vec<usize> {
+/// Of the views whose maps have the size of their camera all, of many the keyframes: the others confirm their mistakes.
+fn used(views: &[DepthView<'_>]) -> Vec<usize> {
+    let sized = |view: &DepthView<'_>| [view.depth.dim(), view.sigma.dim()] == [view.camera.dim(); 2];
+    let middle =
+        |view: &DepthView<'_>| median(view.depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+    let depths: Vec<f64> = views.par_iter().map(|view| middle(view).unwrap_or_default()).collect();
+    let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
+    let is_keyframe = keyframes(&poses, &depths, &[]);
+    let is_used = |&index: &usize| sized(&views[index]) && (views.len() <= NEAREST || is_keyframe[index]);
+    (0..views.len()).filter(is_used).collect()
+}
+
+/// The [`NEAREST`] of the other `used` views.
+fn nearest(views: &[DepthView<'_>], used: &[usize], index: usize) -> Vec<usize> {
     let here = centre(&views[index].pose);
     let distance = |other: &usize| (centre(&views[*other].pose) - here).norm();
-    let mut others: Vec<usize> = (0..views.len()).filter(|&other| other != index).collect();
+    let mut others: Vec<usize> = used.iter().copied().filter(|&other| other != index).collect();
     others.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     others.truncate(NEAREST);
     others
@@ -255,5 +267,8 @@ mod tests {
         let of_half = with(&vague);
         assert!(!of_half.is_empty() && of_half.iter().all(|p| p.pixel[1] >= 6));
         assert!(consistent_points(&[view(0.0, &wall, &sigma)]).is_empty());
+        // Of many those of nearly one viewpoint confirm nothing.
+        let many = |step: f64| (0..40).map(|i| view(step * f64::from(i), &wall, &sigma)).collect::<Vec<_>>();
+        assert!(consistent_points(&many(1e-4)).is_empty() && !consistent_points(&many(0.1)).is_empty());
     }
 }

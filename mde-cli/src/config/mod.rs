@@ -172,17 +172,6 @@ impl Config {
         self.with_text(&text, &path.display().to_string())
     }
 
-    /// The same configuration with one value, such as `nerf.train.steps` and `500`; text needs no quotes.
-    ///
-    /// # Errors
-    /// As [`Config::with_text`].
-    pub fn with_value(&self, key: &str, value: &str, origin: &str) -> Result<Self> {
-        match format!("{key} = {value}") {
-            text if text.parse::<Table>().is_ok() => self.with_text(&text, origin),
-            _ => self.with_text(&format!("{key} = {}", Value::String(value.to_owned())), origin),
-        }
-    }
-
     /// The same configuration with what a caller sets in few words: the seed, whether no field is fitted, the most predictions of a model, and
     /// the nearest and farthest depth of the scene for disparity of unknown scale and shift, metres.
     ///

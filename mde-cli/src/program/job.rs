@@ -114,7 +114,8 @@ impl Job<'_> {
         let evidence = capture.as_ref().and_then(|capture| capture.evidence.as_ref());
         let metric = refined.origin.kind == DepthKind::Metric;
         let camera = refined.camera.camera;
-        let with_others = self.export.iter().any(|format| format.has_others());
+        let with_others =
+            self.export.iter().any(|format| matches!(format, Format::Colmap | Format::Transforms));
         let beside = Beside {
             more,
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),

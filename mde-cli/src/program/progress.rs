@@ -79,7 +79,7 @@ pub(crate) struct Progress {
     /// Of the whole run, and of the refinement that it is at.
     pub(crate) warnings: Vec<String>,
     pub(crate) own_warnings: Vec<String>,
-    begun: Instant,
+    pub(crate) begun: Instant,
     /// Warnings that follow before the result.
     unprinted: Vec<String>,
     /// Whether the run reports pieces of work, each with its warnings.
@@ -140,11 +140,6 @@ impl Progress {
         for warning in std::mem::take(&mut self.unprinted) {
             self.line(&format!("{WARNING} {warning}"));
         }
-    }
-
-    /// Seconds since that refinement began.
-    pub(crate) fn own_seconds(&self) -> f64 {
-        self.begun.elapsed().as_secs_f64()
     }
 
     /// Begins another refinement of the same run, with estimated seconds `left` for all: its curves, warnings and seconds are its own.

@@ -35,7 +35,7 @@ pub(crate) fn about<'r>(
         preset: settings.map(|settings| settings.preset.name()),
         seed: settings.map(|settings| settings.config.seed),
         warnings: &progress.own_warnings,
-        total_seconds: progress.own_seconds(),
+        total_seconds: progress.begun.elapsed().as_secs_f64(),
         peak_memory_bytes: peak_memory(),
         ..About::new(command, input, camera)
     }

@@ -355,7 +355,8 @@ fn plan(posed: &Posed, priors: &[Option<ArcArray2<f32>>], config: &Config) -> Re
         median(depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z))).unwrap_or(0.0)
     };
     let medians: Vec<f64> = everyone().map(median_depth).collect();
-    let keyframes = keyframes(&posed.views, &medians, &posed.energies);
+    let poses: Vec<Pose> = posed.views.iter().map(|view| view.pose).collect();
+    let keyframes = keyframes(&poses, &medians, &posed.energies);
     let of = |place: usize| {
         let depth = priors::in_unit_of_poses(posed, priors, place);
         let scores = select_views(&posed.views, place, depth.view(), &posed.energies, &keyframes, max_views)?;

@@ -52,11 +52,6 @@ impl Format {
     pub fn is_of_capture(self) -> bool {
         matches!(self, Self::ColmapDense | Self::Mesh)
     }
-
-    /// Whether it has the other photographs of several too.
-    pub fn has_others(self) -> bool {
-        matches!(self, Self::Colmap | Self::Transforms)
-    }
 }
 
 /// The photograph in a folder of results.

@@ -25,7 +25,11 @@ pub(crate) fn overridden(preset: Preset, over: &[OsString]) -> Result<Config> {
         let path = Path::new(one);
         config = match one.to_str().and_then(|text| text.split_once('=')) {
             Some((key, value)) if !path.exists() => {
-                config.with_value(key.trim(), value.trim(), &format!("--config {}", path.display()))?
+                let pair = |value: &str| format!("{} = {value}", key.trim());
+                let text = Some(pair(value)).filter(|text| text.parse::<toml::Table>().is_ok());
+                // Text needs no quotes.
+                let text = text.unwrap_or_else(|| pair(&toml::Value::from(value.trim()).to_string()));
+                config.with_text(&text, &format!("--config {}", path.display()))?
             }
             _ => config.with_file(path)?,
         };
