@@ -168,7 +168,7 @@ fn surer_half(views: &[DepthView<'_>]) -> f32 {
     median(some.map(|(z, sigma)| f64::from(sigma / z))).unwrap_or_default() as f32
 }
 
-/// Of the views whose maps have the size of their camera all, of many the keyframes: the others confirm their mistakes.
+/// The views whose maps have the size of their camera; of many the keyframes, since photographs of one viewpoint make the same mistakes.
 fn used(views: &[DepthView<'_>]) -> Vec<usize> {
     let sized = |view: &DepthView<'_>| [view.depth.dim(), view.sigma.dim()] == [view.camera.dim(); 2];
     let middle =
