@@ -56,18 +56,6 @@ impl<'v> Pixels<'v> {
         };
         let pixel = self.trainable[view][rng.random_range(0..self.trainable[view].len())];
         let background = std::array::from_fn(|_| rng.random::<f64>());
-        self.ray(view, pixel, background, Some(rng))
-    }
-
-    /// A random valid pixel of `view` for measuring the PSNR, or `None` where it has none.
-    pub(crate) fn probe(&self, seed: u64, view: usize, index: usize) -> Option<(March, Target)> {
-        let mut rng = CounterRng::new(seed, "probe", view as u64, index as u64);
-        let pixels = &self.trainable[view];
-        let pixel = *pixels.get(rng.random_range(0..pixels.len().max(1)))?;
-        Some(self.ray(view, pixel, [0.5; 3], None))
-    }
-
-    fn ray(&self, view: usize, pixel: u32, background: [f64; 3], rng: Option<CounterRng>) -> (March, Target) {
         let posed = &self.views[view];
         let (row, column) = (pixel as usize / posed.camera.width, pixel as usize % posed.camera.width);
         let known =
@@ -77,7 +65,7 @@ impl<'v> Pixels<'v> {
         let interval = self.frustum.interval(&ray, self.nearest[view]);
         let guess = depths.first().map(|d| d.0);
         let colour = std::array::from_fn(|axis| f64::from(posed.image[(row, column, axis)]));
-        (March { ray, interval, guess, background, rng }, Target { colour, depths })
+        (March { ray, interval, guess, background, rng: Some(rng) }, Target { colour, depths })
     }
 }
 
@@ -165,7 +153,6 @@ mod tests {
         let lost = valid - counts[2];
         assert!((valid / 4..valid * 6 / 10).contains(&lost), "{lost} of {valid}");
         assert_eq!(pixels.others, [2]);
-        assert!(pixels.probe(0, 1, 0).is_none() && pixels.probe(0, 2, 0).is_some());
         assert!((0..200).all(|index| pixels.draw(0, 0, index).0.interval.is_some()));
         // The original view keeps a pixel whose hypothesis is beyond far.
         let beyond = [at(Pose::identity(), 9.0)];

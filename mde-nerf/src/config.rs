@@ -218,7 +218,7 @@ impl NerfConfig {
                 depth_weight: 0.2,
                 ..TrainConfig::default()
             },
-            render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },
+            render: RenderConfig { coarse: 16, fine: 16, in_bin: InBinVariance::Uniform },
         }
     }
 

@@ -58,10 +58,8 @@ pub struct FitReport {
     pub steps: usize,
     /// Mean training loss over the last steps.
     pub loss: f64,
-    /// Peak signal-to-noise ratio of each view, dB, on a random sample of its valid pixels; 0 for a view without one.
-    pub psnr: Vec<f64>,
-    /// Number of samples along rays in all steps.
-    pub samples: u64,
+    /// Peak signal-to-noise ratio of the fitted field on one more step's rays, dB.
+    pub psnr: f64,
 }
 
 /// Progress of a fit or a rendering.

@@ -1,7 +1,7 @@
 //! Times of the stages of a fit beside what the machine can do.
 
 use crate::config::{FieldConfig, NerfConfig};
-use crate::stages::{multiply_adds, random_lines, stages};
+use crate::stages::{multiply_adds, stages};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
 use serde::Serialize;
@@ -10,9 +10,6 @@ use std::time::{Duration, Instant};
 
 /// Multiply-adds per measurement of the peak, about 0.1 ms.
 const PEAK_ROUNDS: u64 = 1 << 16;
-/// Size of the memory for the random reads, in `f32`: about that of a hash table.
-const TABLE: usize = 1 << 21;
-const LINES: u64 = 1 << 16;
 
 /// The most that was measured of plain loops.
 #[derive(Debug, Serialize)]
@@ -21,8 +18,6 @@ pub struct Ceilings {
     pub gflops_one_thread: f64,
     /// The same on all threads.
     pub gflops_all_threads: f64,
-    /// Random cache lines of an 8 MiB table, one thread.
-    pub random_lines_gbytes_per_second: f64,
 }
 
 /// What was measured of a stage.
@@ -40,8 +35,6 @@ pub struct StageTimes {
     pub gflops: Option<f64>,
     /// Of the multiply-adds of that number of threads.
     pub share_of_peak: Option<f64>,
-    /// Of tables and moments.
-    pub gbytes_per_second: Option<f64>,
 }
 
 /// Measures the ceilings and the stages of these fields on one thread and on `threads`, each for about `seconds`.
@@ -71,7 +64,6 @@ pub fn measure(
                             samples_per_second: stage.samples as f64 / once,
                             gflops: rate(stage.flops),
                             share_of_peak: rate(stage.flops).map(|gflops| gflops / peak),
-                            gbytes_per_second: rate(stage.bytes),
                         });
                     }
                 })
@@ -95,15 +87,9 @@ fn ceilings(seconds: f64, threads: usize) -> Result<Ceilings> {
     let every = median_seconds(seconds, || {
         pool.broadcast(|_| black_box(multiply_adds(black_box(8 * PEAK_ROUNDS))));
     });
-    let memory = vec![1.0; TABLE];
-    let (bytes, _) = random_lines(&memory, LINES);
-    let fetch = median_seconds(seconds, || {
-        black_box(random_lines(black_box(&memory), LINES));
-    });
     Ok(Ceilings {
         gflops_one_thread: operations as f64 / one * 1e-9,
         gflops_all_threads: (8 * operations * threads as u64) as f64 / every * 1e-9,
-        random_lines_gbytes_per_second: bytes as f64 / fetch * 1e-9,
     })
 }
 

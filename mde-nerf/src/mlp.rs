@@ -22,7 +22,7 @@ pub(crate) struct Mlp<T> {
 #[derive(Debug, Default)]
 pub(crate) struct MlpTape<T> {
     /// Every layer's output, row-major `[points, padded width]`.
-    activations: Vec<Vec<T>>,
+    pub(crate) activations: Vec<Vec<T>>,
     /// Gradients of the current and the next layer of the backward pass.
     upstream: [Vec<T>; 2],
 }

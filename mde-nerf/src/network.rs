@@ -3,7 +3,7 @@
 use crate::config::FieldConfig;
 use crate::encoding::{Frequency, HashGrid, HashLayout};
 use crate::mlp::{Mlp, MlpTape};
-use crate::points::Points;
+use crate::points::{BLOCK, Points};
 use crate::scalar::{Scalar, vectorized};
 use crate::volume::Shade;
 
@@ -26,6 +26,8 @@ pub(crate) enum Encoding<T> {
 /// Gradients of the parameters.
 #[derive(Debug, Default)]
 pub(crate) struct Gradients<T> {
+    /// Points with less gradient than this share of their tile's mean are sampled; 0: none, exact.
+    pub(crate) floor: f64,
     pub(crate) mlp: Vec<T>,
     /// Per level `[points, features]`, in the order of `points`; empty for a frequency encoding.
     pub(crate) features: Vec<Vec<T>>,
@@ -47,10 +49,51 @@ pub(crate) struct Tape<T> {
     pub(crate) points: Points<T>,
     /// One per point.
     pub(crate) shades: Vec<Shade<T>>,
-    /// Gradients of `shades`, the input of the backward pass.
+    /// Gradients of `shades`, the input of the backward pass, which makes them those of the raw outputs.
     pub(crate) d_shades: Vec<Shade<T>>,
     features: Vec<T>,
     mlp: MlpTape<T>,
+}
+
+impl<T: Scalar> Tape<T> {
+    /// Samples the points for the backward pass: one whose gradient is below `floor` times the tile's mean stays with the probability
+    /// that is its share of that bound, and with the bound's gradient (systematic sampling).
+    fn sample(&mut self, floor: f64) {
+        let Self { points, d_shades, features, mlp, .. } = self;
+        let sizes: Vec<T> = d_shades.iter().map(size).collect();
+        let least = T::from_f64(floor) * sizes.iter().copied().sum::<T>() / T::from_index(sizes.len() as u32);
+        let mut due = T::from_f64(0.5);
+        let mut kept = Vec::new();
+        for (point, (d, &size)) in d_shades.iter_mut().zip(&sizes).enumerate() {
+            let share = (size / least).min(T::ONE);
+            due += share;
+            if due >= T::ONE {
+                due = due - T::ONE;
+                *d = d.map(|d| d / share);
+                kept.push(point);
+            }
+        }
+        let (count, padded) = (sizes.len(), kept.len().next_multiple_of(BLOCK));
+        for rows in mlp.activations.iter_mut().chain([features]).chain(&mut points.axes) {
+            keep_rows(rows, count, &kept, padded);
+        }
+        keep_rows(d_shades, count, &kept, padded);
+        d_shades[kept.len()..].fill([T::ZERO; 4]);
+    }
+}
+
+/// Moves the rows of the points `kept` to the front, of `count` points', and drops those from `padded` on.
+fn keep_rows<T: Copy>(rows: &mut Vec<T>, count: usize, kept: &[usize], padded: usize) {
+    let width = rows.len() / count.max(1);
+    for (to, from) in kept.iter().enumerate() {
+        rows.copy_within(from * width..(from + 1) * width, to * width);
+    }
+    rows.truncate(padded * width);
+}
+
+/// The largest of a point's gradients.
+fn size<T: Scalar>(d: &Shade<T>) -> T {
+    d.iter().fold(T::ZERO, |most, &x| most.max(x).max(-x))
 }
 
 impl<T: Scalar> Network<T> {
@@ -89,6 +132,7 @@ impl<T: Scalar> Network<T> {
     /// Zeroed gradient buffers.
     pub(crate) fn gradients(&self) -> Gradients<T> {
         Gradients {
+            floor: 0.0,
             mlp: vec![T::ZERO; self.mlp.parameters.len()],
             features: vec![Vec::new(); self.grid().map_or(0, |grid| grid.layout.level_count())],
             points: Points::default(),
@@ -128,10 +172,16 @@ impl<T: Scalar> Network<T> {
 
     /// Adds the gradients of the parameters, given those of the tape's shades.
     pub(crate) fn backward(&self, tape: &mut Tape<T>, gradients: &mut Gradients<T>) {
-        let Tape { points, shades, d_shades, features, mlp } = tape;
+        for (d, shade) in tape.d_shades.iter_mut().zip(&tape.shades) {
+            *d = d_activate(shade, d);
+        }
+        if gradients.floor > 0.0 {
+            tape.sample(gradients.floor);
+        }
+        let Tape { points, d_shades, features, mlp, .. } = tape;
         let width = self.mlp.output_width();
-        for (row, (shade, d)) in mlp.d_output().chunks_exact_mut(width).zip(shades.iter().zip(&*d_shades)) {
-            row[..4].copy_from_slice(&d_activate(shade, d));
+        for (row, d) in mlp.d_output().chunks_exact_mut(width).zip(&*d_shades) {
+            row[..4].copy_from_slice(d);
         }
         let grid = self.grid();
         let d_features = self.mlp.backward(features, mlp, &mut gradients.mlp, grid.is_some());
@@ -167,4 +217,33 @@ fn activate<T: Scalar>(raw: [T; 4]) -> Shade<T> {
 fn d_activate<T: Scalar>(shade: &Shade<T>, d: &Shade<T>) -> [T; 4] {
     let colour = |i: usize| d[i] * shade[i] * (T::ONE - shade[i]);
     [d[0] * shade[0], colour(1), colour(2), colour(3)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Few points with much gradient each remain; its sum changes by less than the bound.
+        #[test]
+        fn sampled_gradients_add_up(powers in prop::collection::vec(0.0..6.0_f64, BLOCK * 8), floor in 0.1..2.0_f64) {
+            let mut tape = Tape::<f64>::default();
+            powers.iter().for_each(|&x| tape.points.push([x; 3]));
+            tape.d_shades.extend(powers.iter().map(|x| [0.0, -10.0_f64.powf(-x), 0.0, 0.0]));
+            tape.features.extend(powers.iter().flat_map(|&x| [x, -x]));
+            let sum = |tape: &Tape<f64>| tape.d_shades.iter().map(size).sum::<f64>();
+            let all = sum(&tape);
+            let least = floor * all / powers.len() as f64;
+            tape.sample(floor);
+            prop_assert!((sum(&tape) - all).abs() < least * (1.0 + 1e-9));
+            let points: Vec<f64> = tape.points.blocks().flat_map(|block| *block[0]).collect();
+            prop_assert_eq!(points.len(), tape.d_shades.len());
+            for ((d, features), &x) in tape.d_shades.iter().zip(tape.features.chunks(2)).zip(&points) {
+                let expected = 10.0_f64.powf(-x).max(least);
+                prop_assert!(size(d) == 0.0 || (size(d) / expected - 1.0).abs() < 1e-9);
+                prop_assert_eq!(features, [x, -x]);
+            }
+        }
+    }
 }

@@ -6,7 +6,7 @@ pub(crate) const BLOCK: usize = 16;
 /// Points of the unit cube, axis by axis, so that a block of them fills a register.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Points<T> {
-    axes: [Vec<T>; 3],
+    pub(crate) axes: [Vec<T>; 3],
 }
 
 impl<T: Scalar> Points<T> {

@@ -2,7 +2,6 @@
 
 use crate::batch::Pixels;
 use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
-use crate::encoding::HashGrid;
 use crate::field::silent;
 use crate::frustum::Frustum;
 use crate::loss::LossTerms;
@@ -35,8 +34,6 @@ pub struct Stage {
     pub samples: u64,
     /// Floating-point operations of the matrix products per call, without padding; 0 where there are none.
     pub flops: u64,
-    /// Lower bound of the bytes of tables and moments read and written per call; 0 where there are none.
-    pub bytes: u64,
 }
 
 /// Fields to compare, by name: the hash grid of the presets, and the light MLP.
@@ -65,7 +62,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
         trainer.update();
     }
     drop(trainer);
-    let stage = |name, samples, flops, bytes| Stage { name, parallel: false, samples, flops, bytes };
+    let stage = |name, samples, flops| Stage { name, parallel: false, samples, flops };
 
     // One tile of the batch.
     let budget = config.training_budget();
@@ -78,26 +75,25 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
     marcher.forward(&|tape| network.forward(tape), &frustum, &mut rays, &budget);
     let points = marcher.samples as u64;
     let forward = 2 * network.mlp.multiply_adds() as u64;
-    let gathered = gathered(&network);
 
     let mut tape = Tape::default();
     tape.points.extend(&marcher.passes[0].points);
     let in_tape = tape.points.len() as u64;
-    visit(stage("encoding", in_tape, 0, gathered * in_tape), &mut || network.encode(&mut tape));
-    visit(stage("network forward", in_tape, forward * in_tape, 0), &mut || network.evaluate(&mut tape));
+    visit(stage("encoding", in_tape, 0), &mut || network.encode(&mut tape));
+    visit(stage("network forward", in_tape, forward * in_tape), &mut || network.evaluate(&mut tape));
     let mut gradients = network.gradients();
-    tape.d_shades = vec![[1e-3; 4]; tape.points.len()];
-    visit(stage("network forward and backward", in_tape, 3 * forward * in_tape, 0), &mut || {
+    visit(stage("network forward and backward", in_tape, 3 * forward * in_tape), &mut || {
         network.evaluate(&mut tape);
+        tape.d_shades = vec![[1e-3; 4]; tape.points.len()];
         network.backward(&mut tape, &mut gradients);
         gradients.clear();
     });
-    visit(stage("sampling and compositing", points, 0, 0), &mut || {
+    visit(stage("sampling and compositing", points, 0), &mut || {
         rays.clone_from_slice(&fresh);
         // The shades of the last pass are kept.
         marcher.forward(&|_| {}, &frustum, &mut rays, &budget);
     });
-    let tile = stage("one tile, forward and backward", points, 3 * forward * points, gathered * points);
+    let tile = stage("one tile, forward and backward", points, 3 * forward * points);
     visit(tile, &mut || {
         rays.clone_from_slice(&fresh);
         let tile = (rays.as_mut_slice(), targets.as_slice());
@@ -106,12 +102,11 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
         gradients.clear();
     });
     let every = (batch * (budget.coarse + budget.band + budget.fine)) as u64;
-    let mut moved = 0;
     if let Some(grid) = network.grid() {
         let layout = &grid.layout;
         let d_features = vec![1e-3; tape.points.len() * layout.features];
         let mut gradient = vec![0.0; grid.table.len()];
-        visit(stage("scatter", in_tape, 0, 2 * gathered * in_tape), &mut || {
+        visit(stage("scatter", in_tape, 0), &mut || {
             for (level, rows) in layout.split(&mut gradient, layout.features).into_iter().enumerate() {
                 layout.scatter(level, &tape.points, &d_features, rows);
             }
@@ -119,34 +114,28 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut()
         let mut values = grid.table.clone();
         let mut second = vec![0.0; layout.rows()];
         let step = AdamStep::new(&config.train, WARM_UP);
-        // Table, gradient, and one second moment a row, all read and written.
-        moved = 8 * (2 * values.len() + second.len()) as u64;
-        visit(stage("optimiser", every, 0, moved), &mut || {
+        visit(stage("optimiser", every, 0), &mut || {
             gradient.fill(1e-3);
             step_rows(&mut values, &mut second, &mut gradient, layout.features, step);
         });
     }
     let mut trained = network.clone();
     let mut trainer = Trainer::new(&mut trained, &frustum, &pixels, config, 0);
-    let step = stage("training step", every, 3 * forward * every, 3 * gathered * every + moved);
+    // The backward pass of a hash grid samples the points.
+    let operations = if network.grid().is_some() { 0 } else { 3 * forward * every };
+    let step = stage("training step", every, operations);
     visit(Stage { parallel: true, ..step }, &mut || {
         trainer.gradients();
         trainer.update();
     });
     let camera = PinholeCamera { height: RENDERED_ROWS, ..views[0].camera };
     let every = (camera.width * camera.height * (config.render.coarse + config.render.fine)) as u64;
-    let rows = stage("render", every, forward * every, gathered * every);
+    let rows = stage("render", every, forward * every);
     visit(Stage { parallel: true, ..rows }, &mut || {
         // The callback never breaks, and the camera is valid.
         let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut silent);
     });
     Ok(())
-}
-
-/// Bytes of table rows read per sample.
-fn gathered(network: &Network<f32>) -> u64 {
-    let numbers = |grid: &HashGrid<f32>| grid.layout.level_count() * 8 * grid.layout.features;
-    (network.grid().map_or(0, numbers) * size_of::<f32>()) as u64
 }
 
 fn view() -> Result<PosedView> {
@@ -192,19 +181,4 @@ impl WithSimd for Peak {
         let total = sums.into_iter().fold(simd.splat_f32s(0.0), |total, sum| simd.add_f32s(total, sum));
         (2 * self.0 * (CHAINS * S::F32_LANES) as u64, simd.reduce_sum_f32s(total))
     }
-}
-
-/// Reads `count` independent random cache lines of `table`, an upper bound for gathers; returns their bytes and a number
-/// that depends on all of them.
-pub fn random_lines(table: &[f32], count: u64) -> (u64, f32) {
-    const LINE: usize = 16;
-    let lines = (table.len() / LINE).max(1) as u64;
-    let mut state = 1_u64;
-    let mut sum = 0.0;
-    for _ in 0..count {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let line = (((state >> 32) * lines) >> 32) as usize;
-        sum += table.get(line * LINE).copied().unwrap_or(0.0);
-    }
-    (64 * count, sum)
 }

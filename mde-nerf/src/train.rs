@@ -19,11 +19,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// threads that a step can use, and does not depend on it.
 pub(crate) const GROUPS: usize = 16;
 /// Target number of points per tile, so that the activations stay in the second-level cache.
-pub(crate) const TILE_POINTS: usize = 1024;
+pub(crate) const TILE_POINTS: usize = 512;
+/// [`Gradients::floor`] of a hash grid, whose gradient is noise anyway; networks alone get the exact one.
+const FLOOR: f64 = 0.5;
 /// Steps between two events.
 const REPORT_EVERY: usize = 20;
-/// Pixels per view on which the PSNR of the fit is measured.
-const PSNR_PIXELS: usize = 2048;
 
 /// A group's working memory.
 #[derive(Default)]
@@ -31,7 +31,6 @@ struct Group {
     marcher: Marcher<f32>,
     gradients: Gradients<f32>,
     loss: RayLoss,
-    samples: u64,
 }
 
 /// The tile's gradients: marches `rays`, compares them to `targets` and adds the gradients of
@@ -100,7 +99,8 @@ impl<'a> Trainer<'a> {
         config: &'a NerfConfig,
         seed: u64,
     ) -> Self {
-        let group = |_| Group { gradients: network.gradients(), ..Group::default() };
+        let floor = if network.grid().is_some() { FLOOR } else { 0.0 };
+        let group = |_| Group { gradients: Gradients { floor, ..network.gradients() }, ..Group::default() };
         let groups = (0..GROUPS).map(group).collect();
         let of_rows = vec![0.0; network.grid().map_or(0, |grid| grid.layout.rows())];
         let moments = [(); 2].map(|()| vec![0.0; network.mlp.parameters.len()]);
@@ -116,7 +116,7 @@ impl<'a> Trainer<'a> {
         let terms = (LossTerms::at(train, progress), train.rays as f64);
         let network: &Network<f32> = network;
         groups.par_iter_mut().enumerate().for_each(|(index, group)| {
-            let Group { marcher, gradients, loss, samples } = group;
+            let Group { marcher, gradients, loss } = group;
             *loss = RayLoss::default();
             let (first, last) = (train.rays * index / GROUPS, train.rays * (index + 1) / GROUPS);
             // Tiles of equal size: a small last one would cost as much as a whole one.
@@ -127,7 +127,6 @@ impl<'a> Trainer<'a> {
                 let (mut marches, targets): (Vec<_>, Vec<_>) = draws.unzip();
                 let tile = (marches.as_mut_slice(), targets.as_slice());
                 *loss += tile_gradients(network, frustum, marcher, tile, budget, terms, gradients);
-                *samples += marcher.samples as u64;
             }
         });
         let mut sum = RayLoss::default();
@@ -208,15 +207,15 @@ pub(crate) fn train(
             }
         }
     }
-    report.samples = trainer.groups.iter().map(|group| group.samples).sum();
-    for (p, average) in parameters(network).into_iter().zip(&averages) {
+    for (p, average) in parameters(trainer.network).into_iter().zip(&averages) {
         average.write(p);
     }
-    network.mlp.refresh();
-    report.psnr = psnr(network, frustum, pixels, &config.render_budget(), seed);
-    // The last update, after which no loss is computed.
-    let mut numbers = parameters(network).into_iter().flat_map(|values| values.iter());
-    if !(numbers.all(|value| value.is_finite()) && report.psnr.iter().all(|psnr| psnr.is_finite())) {
+    trainer.network.mlp.refresh();
+    // Of the last update.
+    let sum = trainer.gradients();
+    report.psnr = decibels(sum.squared_error / train.rays as f64);
+    let mut numbers = parameters(trainer.network).into_iter().flat_map(|values| values.iter());
+    if !(sum.total.is_finite() && numbers.all(|value| value.is_finite())) {
         return Err(Error::Diverged { step: train.steps.saturating_sub(1) });
     }
     Ok(report)
@@ -234,37 +233,6 @@ fn parameters(network: &mut Network<f32>) -> [&mut [f32]; 2] {
         Encoding::Frequency(_) => &mut [],
     };
     [table, network.mlp.parameters.as_mut_slice()]
-}
-
-/// PSNR of each view on a random sample of its valid pixels.
-fn psnr(
-    network: &Network<f32>,
-    frustum: &Frustum,
-    pixels: &Pixels<'_>,
-    budget: &Budget,
-    seed: u64,
-) -> Vec<f64> {
-    let tile = tile_rays(budget);
-    let of_view = |view: usize| {
-        if pixels.probe(seed, view, 0).is_none() {
-            return 0.0;
-        }
-        let mean_error = |marcher: &mut Marcher<f32>, chunk: usize| {
-            let probes = (0..tile).filter_map(|i| pixels.probe(seed, view, chunk * tile + i));
-            let (mut rays, targets): (Vec<_>, Vec<Target>) = probes.unzip();
-            marcher.forward(&|tape| network.forward(tape), frustum, &mut rays, budget);
-            let pairs = targets.iter().zip(&marcher.rendered);
-            let squared = pairs.map(|(target, rendered)| {
-                let of_channel = |a: usize| (f64::from(rendered.colour[a]) - target.colour[a]).powi(2) / 3.0;
-                (0..3).map(of_channel).sum::<f64>()
-            });
-            squared.sum::<f64>() / rays.len().max(1) as f64
-        };
-        let chunks = (0..PSNR_PIXELS.div_ceil(tile)).into_par_iter();
-        let errors: Vec<f64> = chunks.map_init(Marcher::default, mean_error).collect();
-        decibels(errors.iter().sum::<f64>() / errors.len() as f64)
-    };
-    (0..pixels.views.len()).map(of_view).collect()
 }
 
 /// \\(-10 \log_{10}\\) of a mean squared error of colours in 0 to 1.

@@ -70,10 +70,9 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
     lines.push(format!("camera: {}", flags(&camera.title())));
     lines.extend(refinement.capture.as_ref().and_then(photographs));
     if let Some(last) = refinement.iterations.last() {
-        let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());
-        let psnr = psnr.map_or_else(String::new, |p| format!("; PSNR of the photograph {p:.1} dB"));
+        let (fusion, psnr) = (&last.fusion, last.fit.psnr);
         lines.push(format!(
-            "fusion: a {:.3}, b {:.3}, sigma_o {:.3}, weight of the field {:.0} %{psnr}",
+            "fusion: a {:.3}, b {:.3}, sigma_o {:.3}, weight of the field {:.0} %; PSNR {psnr:.1} dB",
             fusion.a,
             fusion.b,
             fusion.sigma_o,

@@ -37,7 +37,7 @@ impl RadianceField for Wall {
         if callback(&event).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
-        Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
+        Ok(FitReport { steps: 1, psnr: 30.0, ..FitReport::default() })
     }
 
     fn render(

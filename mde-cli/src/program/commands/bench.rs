@@ -25,7 +25,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
 }
 
 fn lines(threads: usize, ceilings: &Ceilings, rows: &[StageTimes], memory: Option<u64>) -> String {
-    let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = ceilings;
+    let Ceilings { gflops_one_thread, gflops_all_threads } = ceilings;
     let rows = rows.iter().map(|row| {
         vec![
             row.field.to_owned(),
@@ -34,14 +34,12 @@ fn lines(threads: usize, ceilings: &Ceilings, rows: &[StageTimes], memory: Optio
             format!("{:.2}", row.samples_per_second * 1e-6),
             number(row.gflops, 0),
             number(row.share_of_peak.map(|share| 100.0 * share), 0),
-            number(row.gbytes_per_second, 0),
         ]
     });
-    let heads = ["field", "stage", "threads", "Msamples/s", "GFLOP/s", "of peak, %", "GB/s"];
+    let heads = ["field", "stage", "threads", "Msamples/s", "GFLOP/s", "of peak, %"];
     let memory = memory.map(|bytes| bytes as f64 / f64::from(1 << 20));
     format!(
-        "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {threads}; random lines of 8 MiB: \
-         {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{}\n\npeak memory: {} MiB\n",
+        "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {threads}\n\n{}\n\npeak memory: {} MiB\n",
         Table::new(2, heads, rows).text(),
         number(memory, 0)
     )
