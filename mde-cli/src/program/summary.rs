@@ -69,10 +69,9 @@ pub(crate) fn summary(result: &Refined<'_>) -> String {
     )];
     lines.push(format!("camera: {}", flags(&camera.title())));
     lines.extend(refinement.capture.as_ref().and_then(photographs));
-    if let Some(last) = refinement.iterations.last() {
-        let (fusion, psnr) = (&last.fusion, last.fit.psnr);
+    if let Some(fusion) = refinement.iterations.last().map(|last| &last.fusion) {
         lines.push(format!(
-            "fusion: a {:.3}, b {:.3}, sigma_o {:.3}, weight of the field {:.0} %; PSNR {psnr:.1} dB",
+            "fusion: a {:.3}, b {:.3}, sigma_o {:.3}, weight of the field {:.0} %",
             fusion.a,
             fusion.b,
             fusion.sigma_o,
